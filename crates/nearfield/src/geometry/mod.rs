@@ -1,0 +1,17 @@
+//! Values and formulas: boxes, balls, rays, triangles, clouds and meshes, and the one distance formula.
+
+mod aabb;
+pub mod distance;
+mod point_cloud;
+mod ray;
+mod sphere;
+mod tri_mesh;
+mod triangle;
+pub mod validate;
+
+pub use aabb::Aabb;
+pub use point_cloud::{Attribute, Column, PointCloud};
+pub use ray::Ray;
+pub use sphere::Sphere;
+pub use tri_mesh::TriMesh;
+pub use triangle::Triangle;

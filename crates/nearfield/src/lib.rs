@@ -1,0 +1,30 @@
+//! Exact spatial search on the CPU and on any GPU: what is near, and what a ray hits.
+//!
+//! Build a structure over points, then ask it:
+//!
+//! ```
+//! use nearfield::{FixedRadius, GridSettings, NeighborSearch, UniformGrid, Vec3};
+//!
+//! let points = [Vec3::ZERO, Vec3::new(0.5, 0.0, 0.0), Vec3::new(9.0, 0.0, 0.0)];
+//! let grid = UniformGrid::build(&points, &GridSettings::for_radius(0.5))?;
+//! let neighbors = grid.list(&FixedRadius::new(0.5).exclude_self())?;
+//! assert_eq!(neighbors.row(0), [1]); // a point at exactly the radius is inside
+//! # Ok::<(), nearfield::Error>(())
+//! ```
+//!
+//! The modules follow one direction: `io` → `geometry` → `structure` → `query`, with the services `parallel` and `gpu`.
+//! The ball is closed everywhere: a neighbour has d² ≤ r².
+
+pub mod error;
+pub mod geometry;
+#[cfg(feature = "gpu")]
+pub mod gpu;
+#[cfg(feature = "io")]
+pub mod io;
+pub mod parallel;
+pub mod query;
+pub mod structure;
+
+pub use error::{Error, Result};
+pub use geometry::{Aabb, PointCloud, Ray, Sphere, TriMesh, Triangle};
+pub use glam::{DVec3, Vec3};
