@@ -1,1 +1,19 @@
-//! placeholder
+//! Plumbing to any GPU that wgpu reaches: adapters, buffers, pipelines made from WESL, command recording with stage
+//! times, and read-back. Knows nothing of geometry.
+//!
+//! Everything that can fail returns an [`crate::Error`]; validation, out-of-memory and device-lost messages of the
+//! driver never panic.
+
+mod adapter;
+mod buffer;
+mod commands;
+mod context;
+mod pipeline;
+pub mod shader;
+
+pub use adapter::{Adapter, AdapterKind, DeviceChoice, adapters};
+pub use buffer::{Buffer, DeviceElement};
+pub use commands::{Bind, Commands, StageTime, Workgroups};
+pub use context::{Gpu, GpuLimits};
+pub use pipeline::{Access, Kernel, Pipeline};
+pub use wgpu;

@@ -1,1 +1,14 @@
-//! placeholder
+//! Questions to a structure and their answers: all neighbours within a radius, how many, the nearest one.
+//!
+//! [`FixedRadius`] is the question, [`NeighborSearch`] what every structure on every device answers, and
+//! [`Neighbors`], [`Counts`], [`Nearest`] the answers; each carries a [`Report`] of what really ran.
+
+mod fixed_radius;
+mod neighbors;
+mod report;
+mod search;
+
+pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
+pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
+pub use report::{Clock, Report, Stage};
+pub use search::NeighborSearch;

@@ -1,0 +1,269 @@
+//! Recording of dispatches and copies in named stages, and their times.
+
+use std::sync::Arc;
+
+use super::{Buffer, DeviceElement, Gpu, Pipeline};
+use crate::{Error, Result};
+
+/// A buffer as a kernel sees it.
+#[derive(Debug, Clone)]
+pub struct Bind {
+    raw: wgpu::Buffer,
+}
+
+impl<T: DeviceElement> From<&Buffer<T>> for Bind {
+    fn from(buffer: &Buffer<T>) -> Self {
+        Self { raw: buffer.raw().clone() }
+    }
+}
+
+/// How many workgroups a dispatch has.
+#[derive(Debug, Clone)]
+pub enum Workgroups {
+    /// That many.
+    Count(u32),
+    /// Enough for one invocation an item.
+    Covering(u64),
+    /// Three words of a buffer, from that byte on: x, y, z. Written by a kernel before.
+    Indirect(Bind, u64),
+}
+
+/// Time of a stage on the device.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StageTime {
+    /// Name as given to [`Commands::stage`].
+    pub name: &'static str,
+    /// Milliseconds; `None` where the device has no timestamps.
+    pub milliseconds: Option<f64>,
+}
+
+/// Recorded work: stages of dispatches and copies, run in order when submitted.
+pub struct Commands {
+    gpu: Gpu,
+    label: &'static str,
+    stages: Vec<Stage>,
+    error: Option<Error>,
+}
+
+struct Stage {
+    name: &'static str,
+    steps: Vec<Step>,
+}
+
+enum Step {
+    Dispatch { pipeline: Arc<Pipeline>, groups: [Vec<Bind>; 2], workgroups: Workgroups },
+    Clear { buffer: wgpu::Buffer, bytes: u64 },
+    Copy { source: wgpu::Buffer, destination: wgpu::Buffer, bytes: u64 },
+}
+
+impl Gpu {
+    /// Starts recording.
+    pub fn commands(&self, label: &'static str) -> Commands {
+        Commands { gpu: self.clone(), label, stages: Vec::new(), error: None }
+    }
+}
+
+impl Commands {
+    /// Opens a stage: what is recorded until the next one is timed under this name.
+    pub fn stage(&mut self, name: &'static str) -> &mut Self {
+        self.stages.push(Stage { name, steps: Vec::new() });
+        self
+    }
+
+    fn step(&mut self, step: Step) {
+        if self.stages.is_empty() {
+            self.stage(self.label);
+        }
+        self.stages.last_mut().expect("a stage should be open").steps.push(step);
+    }
+
+    /// Runs a kernel with `bindings` as `@group(0)`. Dispatches of more than 65,535 workgroups fold into y: kernels
+    /// take their number from `package::gpu::dispatch`.
+    pub fn dispatch(&mut self, pipeline: &Arc<Pipeline>, bindings: &[Bind], workgroups: Workgroups) -> &mut Self {
+        self.dispatch_with_visitor(pipeline, bindings, &[], workgroups)
+    }
+
+    /// As [`Commands::dispatch`], with the bindings of a visitor as `@group(1)`.
+    pub fn dispatch_with_visitor(
+        &mut self,
+        pipeline: &Arc<Pipeline>,
+        bindings: &[Bind],
+        visitor: &[Bind],
+        workgroups: Workgroups,
+    ) -> &mut Self {
+        let groups = [bindings.to_vec(), visitor.to_vec()];
+        self.step(Step::Dispatch { pipeline: Arc::clone(pipeline), groups, workgroups });
+        self
+    }
+
+    /// Sets every byte of the buffer to zero.
+    pub fn clear<T: DeviceElement>(&mut self, buffer: &Buffer<T>) -> &mut Self {
+        let bytes = buffer.bytes().max(4).next_multiple_of(4);
+        self.step(Step::Clear { buffer: buffer.raw().clone(), bytes });
+        self
+    }
+
+    /// Copies all of `source` to the start of `destination`.
+    pub fn copy<T: DeviceElement>(&mut self, source: &Buffer<T>, destination: &Buffer<T>) -> &mut Self {
+        if destination.len() < source.len() {
+            let (found, expected) = (destination.len() as u64, source.len() as u64);
+            self.error.get_or_insert(Error::LengthMismatch { what: destination.label(), found, expected });
+        }
+        let bytes = source.bytes().next_multiple_of(4);
+        self.step(Step::Copy { source: source.raw().clone(), destination: destination.raw().clone(), bytes });
+        self
+    }
+
+    /// Submits without waiting; later reads see the results.
+    ///
+    /// # Errors
+    /// `Device` with the driver's message, `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn submit(self) -> Result<()> {
+        self.encode_and_submit(false).map(drop)
+    }
+
+    /// Submits, waits, and returns the time of every stage.
+    ///
+    /// # Errors
+    /// As [`Commands::submit`].
+    pub fn run(self) -> Result<Vec<StageTime>> {
+        let (gpu, label) = (self.gpu.clone(), self.label);
+        let names: Vec<&'static str> = self.stages.iter().map(|s| s.name).collect();
+        let (submission, ticks) = self.encode_and_submit(true)?;
+        let Some(ticks) = ticks else {
+            gpu.wait(label, submission)?;
+            return Ok(names.into_iter().map(|name| StageTime { name, milliseconds: None }).collect());
+        };
+        let period = f64::from(gpu.limits().timestamp_period.unwrap_or(1.0));
+        let ticks = gpu.read(&ticks)?;
+        let time = |pair: &[u64]| Some(pair[1].saturating_sub(pair[0]) as f64 * period * 1e-6);
+        Ok(names
+            .into_iter()
+            .zip(ticks.chunks_exact(2))
+            .map(|(name, pair)| StageTime { name, milliseconds: time(pair) })
+            .collect())
+    }
+
+    #[allow(clippy::type_complexity, reason = "private, and both parts are named where they are used")]
+    fn encode_and_submit(self, timed: bool) -> Result<(wgpu::SubmissionIndex, Option<Buffer<u64>>)> {
+        if let Some(error) = self.error {
+            return Err(error);
+        }
+        let Self { gpu, label, stages, .. } = self;
+        let n_ticks = 2 * stages.len();
+        let timed = timed && gpu.limits().timestamp_period.is_some() && !stages.is_empty();
+        let ticks: Option<Buffer<u64>> = timed.then(|| gpu.query_buffer("stage timestamps", n_ticks)).transpose()?;
+        let submission = gpu.checked(label, 0, || {
+            let device = gpu.device();
+            let query_set = ticks.as_ref().map(|_| {
+                device.create_query_set(&wgpu::QuerySetDescriptor {
+                    label: Some(label),
+                    ty: wgpu::QueryType::Timestamp,
+                    count: n_ticks as u32,
+                })
+            });
+            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
+            for (number, stage) in stages.iter().enumerate() {
+                encode_stage(&gpu, &mut encoder, stage, query_set.as_ref().map(|set| (set, 2 * number as u32)));
+            }
+            if let (Some(set), Some(buffer)) = (&query_set, &ticks) {
+                encoder.resolve_query_set(set, 0..n_ticks as u32, buffer.raw(), 0);
+            }
+            gpu.queue().submit([encoder.finish()])
+        })?;
+        Ok((submission, ticks))
+    }
+}
+
+/// Encodes one stage, with a compute pass for each run of dispatches; ticks go to the ends of its first and last pass.
+fn encode_stage(gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, stage: &Stage, ticks: Option<(&wgpu::QuerySet, u32)>) {
+    let is_dispatch = |step: &Step| matches!(step, Step::Dispatch { .. });
+    let first_pass = stage.steps.iter().position(is_dispatch);
+    let last_pass = stage.steps.iter().rposition(is_dispatch);
+    if let (None, Some((set, first))) = (first_pass, ticks) {
+        // A stage of copies only: two empty passes carry its ticks.
+        empty_pass(encoder, set, first);
+        copies(encoder, &stage.steps);
+        empty_pass(encoder, set, first + 1);
+        return;
+    }
+    let mut i = 0;
+    while i < stage.steps.len() {
+        let run = stage.steps[i..].iter().take_while(|s| is_dispatch(s)).count();
+        if run == 0 {
+            copies(encoder, &stage.steps[i..=i]);
+            i += 1;
+            continue;
+        }
+        let (begins, ends) = (first_pass == Some(i), last_pass == Some(i + run - 1));
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(stage.name),
+            timestamp_writes: ticks.filter(|_| begins || ends).map(|(query_set, first)| {
+                wgpu::ComputePassTimestampWrites {
+                    query_set,
+                    beginning_of_pass_write_index: begins.then_some(first),
+                    end_of_pass_write_index: ends.then_some(first + 1),
+                }
+            }),
+        });
+        for step in &stage.steps[i..i + run] {
+            if let Step::Dispatch { pipeline, groups, workgroups } = step {
+                encode_dispatch(gpu, &mut pass, pipeline, groups, workgroups);
+            }
+        }
+        i += run;
+    }
+}
+
+fn empty_pass(encoder: &mut wgpu::CommandEncoder, query_set: &wgpu::QuerySet, index: u32) {
+    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+        label: None,
+        timestamp_writes: Some(wgpu::ComputePassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: Some(index),
+            end_of_pass_write_index: None,
+        }),
+    });
+}
+
+fn copies(encoder: &mut wgpu::CommandEncoder, steps: &[Step]) {
+    for step in steps {
+        match step {
+            Step::Clear { buffer, bytes } => encoder.clear_buffer(buffer, 0, Some(*bytes)),
+            Step::Copy { source, destination, bytes } => {
+                encoder.copy_buffer_to_buffer(source, 0, destination, 0, *bytes);
+            }
+            Step::Dispatch { .. } => {}
+        }
+    }
+}
+
+fn encode_dispatch(
+    gpu: &Gpu,
+    pass: &mut wgpu::ComputePass<'_>,
+    pipeline: &Pipeline,
+    groups: &[Vec<Bind>; 2],
+    workgroups: &Workgroups,
+) {
+    pass.set_pipeline(&pipeline.raw);
+    for (number, (layout, binds)) in pipeline.groups.iter().zip(groups).enumerate() {
+        let entries: Vec<_> = binds
+            .iter()
+            .enumerate()
+            .map(|(binding, bind)| wgpu::BindGroupEntry {
+                binding: binding as u32,
+                resource: bind.raw.as_entire_binding(),
+            })
+            .collect();
+        let descriptor = wgpu::BindGroupDescriptor { label: Some(pipeline.name()), layout, entries: &entries };
+        pass.set_bind_group(number as u32, &gpu.device().create_bind_group(&descriptor), &[]);
+    }
+    let count = match workgroups {
+        Workgroups::Indirect(bind, offset) => return pass.dispatch_workgroups_indirect(&bind.raw, *offset),
+        Workgroups::Count(count) => u64::from(*count),
+        Workgroups::Covering(items) => items.div_ceil(u64::from(pipeline.workgroup_size)),
+    };
+    let width = count.min(u64::from(gpu.limits().workgroups));
+    let height = if width == 0 { 0 } else { count.div_ceil(width) };
+    pass.dispatch_workgroups(width as u32, height as u32, 1);
+}

@@ -1,0 +1,261 @@
+//! The open device: features and limits read once, memory accounting, waiting, and the lost flag.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Duration;
+
+use super::pipeline::Pipeline;
+use super::{Adapter, AdapterKind, DeviceChoice};
+use crate::{Error, Result};
+
+/// How long one submission may take before the device counts as hanging.
+const WAIT_LIMIT: Duration = Duration::from_secs(600);
+
+/// An open GPU. Cheap to clone; clones share the device.
+#[derive(Clone)]
+pub struct Gpu {
+    pub(super) inner: Arc<Inner>,
+}
+
+pub(super) struct Inner {
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
+    pub(super) pipelines: Mutex<HashMap<String, Arc<Pipeline>>>,
+    pub(super) memory: Memory,
+    name: String,
+    kind: AdapterKind,
+    limits: GpuLimits,
+    lost: Arc<OnceLock<String>>,
+}
+
+/// What the device can do, as far as kernels depend on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GpuLimits {
+    /// Largest storage binding in bytes.
+    pub binding_bytes: u64,
+    /// Largest buffer in bytes.
+    pub buffer_bytes: u64,
+    /// Largest workgroup.
+    pub workgroup_invocations: u32,
+    /// Workgroup memory in bytes.
+    pub workgroup_bytes: u32,
+    /// Workgroups in one dimension of a dispatch.
+    pub workgroups: u32,
+    /// Smallest and largest subgroup, where subgroup operations can be used.
+    pub subgroup: Option<(u32, u32)>,
+    /// Nanoseconds a timestamp tick, where stages can be timed on the device.
+    pub timestamp_period: Option<f32>,
+}
+
+/// Bytes allocated and allowed.
+#[derive(Default)]
+pub(super) struct Memory {
+    used: AtomicU64,
+    peak: AtomicU64,
+    limit: AtomicU64,
+    /// Allocations until one is refused; negative for never.
+    refuse_in: AtomicI64,
+}
+
+impl Gpu {
+    /// Opens the GPU that `choice` means; `None` where that is the CPU.
+    ///
+    /// # Errors
+    /// `NoDevice` where a GPU was asked for and none fits, or it cannot be opened.
+    pub fn open(choice: &DeviceChoice) -> Result<Option<Self>> {
+        choice.resolve()?.as_ref().map(Self::open_adapter).transpose()
+    }
+
+    /// Opens an adapter.
+    ///
+    /// # Errors
+    /// `NoDevice` where the driver refuses to open it.
+    pub fn open_adapter(adapter: &Adapter) -> Result<Self> {
+        let handle = &adapter.handle;
+        let wanted = wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY;
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("nearfield"),
+            required_features: handle.features() & wanted,
+            required_limits: handle.limits(),
+            memory_hints: wgpu::MemoryHints::Performance,
+            ..Default::default()
+        };
+        let (device, queue) = pollster::block_on(handle.request_device(&descriptor)).map_err(|e| Error::NoDevice {
+            asked: adapter.name.clone(),
+            found: vec![format!("{} (cannot be opened: {e})", adapter.name)],
+        })?;
+        // Only on a device of our own: a caller's handlers are never replaced.
+        device.on_uncaptured_error(Arc::new(|error| eprintln!("nearfield: uncaptured device error: {error}")));
+        let gpu = Self::assemble(device, queue, adapter.name.clone(), adapter.kind);
+        let lost = Arc::clone(&gpu.inner.lost);
+        gpu.inner.device.set_device_lost_callback(move |reason, message| {
+            let _ = lost.set(format!("{reason:?}: {message}"));
+        });
+        Ok(gpu)
+    }
+
+    /// Works on the caller's own device and queue.
+    ///
+    /// Timestamps and subgroup operations are used where the device was opened with them. The caller's error and
+    /// lost handlers stay in place; tell this context of a loss with [`Gpu::mark_lost`].
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        let info = device.adapter_info();
+        let kind = match info.device_type {
+            wgpu::DeviceType::Cpu => AdapterKind::Software,
+            wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,
+            wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
+            wgpu::DeviceType::VirtualGpu => AdapterKind::Virtual,
+            wgpu::DeviceType::Other => AdapterKind::Other,
+        };
+        Self::assemble(device, queue, info.name, kind)
+    }
+
+    fn assemble(device: wgpu::Device, queue: wgpu::Queue, name: String, kind: AdapterKind) -> Self {
+        let (limits, features, info) = (device.limits(), device.features(), device.adapter_info());
+        let limits = GpuLimits {
+            binding_bytes: u64::from(limits.max_storage_buffer_binding_size),
+            buffer_bytes: limits.max_buffer_size,
+            workgroup_invocations: limits.max_compute_invocations_per_workgroup,
+            workgroup_bytes: limits.max_compute_workgroup_storage_size,
+            workgroups: limits.max_compute_workgroups_per_dimension,
+            subgroup: features
+                .contains(wgpu::Features::SUBGROUP)
+                .then_some((info.subgroup_min_size, info.subgroup_max_size)),
+            timestamp_period: features.contains(wgpu::Features::TIMESTAMP_QUERY).then(|| queue.get_timestamp_period()),
+        };
+        let memory = Memory { refuse_in: AtomicI64::new(-1), limit: AtomicU64::new(u64::MAX), ..Memory::default() };
+        let (pipelines, lost) = (Mutex::default(), Arc::new(OnceLock::new()));
+        Self { inner: Arc::new(Inner { device, queue, pipelines, memory, name, kind, limits, lost }) }
+    }
+
+    /// Name of the adapter.
+    pub fn name(&self) -> &str {
+        &self.inner.name
+    }
+
+    /// What the adapter is.
+    pub fn kind(&self) -> AdapterKind {
+        self.inner.kind
+    }
+
+    /// Limits and features that kernels depend on.
+    pub fn limits(&self) -> &GpuLimits {
+        &self.inner.limits
+    }
+
+    /// The wgpu device.
+    pub fn device(&self) -> &wgpu::Device {
+        &self.inner.device
+    }
+
+    /// The wgpu queue.
+    pub fn queue(&self) -> &wgpu::Queue {
+        &self.inner.queue
+    }
+
+    /// Limits the device memory that buffers of this context may take together.
+    pub fn set_memory_limit(&self, bytes: u64) {
+        self.inner.memory.limit.store(bytes, Ordering::Relaxed);
+    }
+
+    /// Bytes in buffers of this context now.
+    pub fn memory_used(&self) -> u64 {
+        self.inner.memory.used.load(Ordering::Relaxed)
+    }
+
+    /// Largest number of bytes that buffers of this context held at once since the last call.
+    pub fn take_memory_peak(&self) -> u64 {
+        self.inner.memory.peak.swap(self.memory_used(), Ordering::Relaxed)
+    }
+
+    /// Makes the `n`-th allocation from now (0 is the next) fail as if the device were full, once. For tests: software
+    /// adapters never report a full device by themselves.
+    #[doc(hidden)]
+    pub fn refuse_allocation(&self, n: Option<u32>) {
+        self.inner.memory.refuse_in.store(n.map_or(-1, i64::from), Ordering::Relaxed);
+    }
+
+    /// Marks the device as lost: every later wait returns `DeviceLost`.
+    pub fn mark_lost(&self, reason: &str) {
+        let _ = self.inner.lost.set(reason.to_owned());
+    }
+
+    /// Accounts for an allocation, or refuses it.
+    pub(super) fn reserve(&self, what: &str, bytes: u64) -> Result<()> {
+        let memory = &self.inner.memory;
+        let limit = memory.limit.load(Ordering::Relaxed);
+        let used = memory.used.load(Ordering::Relaxed);
+        let refused = match memory.refuse_in.load(Ordering::Relaxed) {
+            n if n < 0 => false,
+            n => {
+                memory.refuse_in.store(n - 1, Ordering::Relaxed);
+                n == 0
+            }
+        };
+        let available = limit.saturating_sub(used).min(self.inner.limits.buffer_bytes);
+        if refused || bytes > available {
+            let available = if refused { 0 } else { available };
+            return Err(Error::OutOfDeviceMemory { what: what.to_owned(), needed: bytes, available });
+        }
+        let now = memory.used.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        memory.peak.fetch_max(now, Ordering::Relaxed);
+        Ok(())
+    }
+
+    pub(super) fn release(&self, bytes: u64) {
+        self.inner.memory.used.fetch_sub(bytes, Ordering::Relaxed);
+    }
+
+    /// Runs `work` with the driver's errors caught; they come back as values.
+    pub(super) fn checked<T>(&self, operation: &str, needed: u64, work: impl FnOnce() -> T) -> Result<T> {
+        use wgpu::ErrorFilter::{Internal, OutOfMemory, Validation};
+        let device = &self.inner.device;
+        let scopes = [Validation, Internal, OutOfMemory].map(|filter| device.push_error_scope(filter));
+        let value = work();
+        // Scopes are popped in reverse order of pushing; the first error found is the one told.
+        let mut error = None;
+        for scope in scopes.into_iter().rev() {
+            let popped = pollster::block_on(scope.pop());
+            error = error.or(popped);
+        }
+        self.check_lost()?;
+        match error {
+            None => Ok(value),
+            Some(wgpu::Error::OutOfMemory { .. }) => {
+                Err(Error::OutOfDeviceMemory { what: operation.to_owned(), needed, available: 0 })
+            }
+            Some(other) => Err(Error::Device { operation: operation.to_owned(), message: other.to_string() }),
+        }
+    }
+
+    /// The one place that waits: until `submission` is done.
+    ///
+    /// # Errors
+    /// `DeviceLost`; `Device` where the submission takes longer than ten minutes.
+    pub(super) fn wait(&self, operation: &str, submission: wgpu::SubmissionIndex) -> Result<()> {
+        let poll = wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_LIMIT) };
+        let outcome = self.inner.device.poll(poll);
+        self.check_lost()?;
+        outcome
+            .map(drop)
+            .map_err(|e| Error::Device { operation: operation.to_owned(), message: format!("waiting failed: {e}") })
+    }
+
+    fn check_lost(&self) -> Result<()> {
+        match self.inner.lost.get() {
+            None => Ok(()),
+            Some(reason) => Err(Error::DeviceLost { device: self.inner.name.clone(), reason: reason.clone() }),
+        }
+    }
+
+    pub(super) fn pipelines(&self) -> MutexGuard<'_, HashMap<String, Arc<Pipeline>>> {
+        self.inner.pipelines.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl std::fmt::Debug for Gpu {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Gpu").field("name", &self.inner.name).field("limits", &self.inner.limits).finish()
+    }
+}

@@ -1,0 +1,67 @@
+//! What really ran: structure, search, device, kernels, and the time of every stage.
+
+use std::time::Instant;
+
+/// Which structure, search, device and kernels gave an answer, and how long each stage took.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Report {
+    /// Structure: "brute-force", "uniform-grid" …
+    pub structure: &'static str,
+    /// Variant of the search, such as "packs" or "two-pass".
+    pub search: &'static str,
+    /// Device: "cpu (8 threads, avx2)" or the adapter's name.
+    pub device: String,
+    /// Kernels that ran, in order of first use: module paths on the GPU, function names on the CPU.
+    pub kernels: Vec<String>,
+    /// Times in order.
+    pub stages: Vec<Stage>,
+    /// In how many batches of queries the answer was made.
+    pub batches: u32,
+    /// What a user should know: a fallback, a software adapter.
+    pub notes: Vec<String>,
+}
+
+/// Time of one stage.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stage {
+    /// "build", "count", "scan" …
+    pub name: &'static str,
+    /// Milliseconds.
+    pub milliseconds: f64,
+    /// Whose clock.
+    pub clock: Clock,
+}
+
+/// Where a stage was timed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Clock {
+    /// Wall clock of the host.
+    Host,
+    /// Timestamps of the device.
+    Device,
+}
+
+impl Report {
+    /// Adds the time since `start` as a host stage.
+    pub(crate) fn host_stage(&mut self, name: &'static str, start: Instant) {
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        self.stages.push(Stage { name, milliseconds, clock: Clock::Host });
+    }
+
+    /// Notes a kernel once.
+    pub(crate) fn kernel(&mut self, name: &str) {
+        if !self.kernels.iter().any(|k| k == name) {
+            self.kernels.push(name.to_owned());
+        }
+    }
+
+    /// Sum of the stages of that name on one clock, in milliseconds.
+    pub fn milliseconds(&self, name: &str, clock: Clock) -> f64 {
+        self.stages.iter().filter(|s| s.name == name && s.clock == clock).map(|s| s.milliseconds).sum()
+    }
+
+    /// Sum of all stages on one clock, in milliseconds.
+    pub fn total_milliseconds(&self, clock: Clock) -> f64 {
+        self.stages.iter().filter(|s| s.clock == clock).map(|s| s.milliseconds).sum()
+    }
+}
