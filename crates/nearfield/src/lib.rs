@@ -28,3 +28,8 @@ pub mod structure;
 pub use error::{Error, Result};
 pub use geometry::{Aabb, PointCloud, Ray, Sphere, TriMesh, Triangle};
 pub use glam::{DVec3, Vec3};
+pub use query::{
+    Counts, FixedRadius, ForEachNeighbor, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Radius, Report,
+    RowOrder,
+};
+pub use structure::{BruteForce, GridSettings, UniformGrid};

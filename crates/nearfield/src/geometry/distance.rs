@@ -66,8 +66,8 @@ impl Period {
     /// The difference `v` brought to the nearest image.
     #[inline(always)]
     pub fn nearest_image(&self, v: Vec3) -> Vec3 {
-        // Ties (half a period) round away from zero or to even: both images are equally far.
-        v - self.lengths * (v * self.inverse).round()
+        let turns = (v * self.inverse).to_array().map(f32::round_ties_even);
+        v - self.lengths * Vec3::from_array(turns)
     }
 
     /// Squared distance to the nearest image.

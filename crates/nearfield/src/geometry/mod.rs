@@ -2,14 +2,18 @@
 
 mod aabb;
 pub mod distance;
+mod ordered_points;
 mod point_cloud;
 mod ray;
+pub mod row_simd;
 mod sphere;
 mod tri_mesh;
 mod triangle;
 pub mod validate;
 
 pub use aabb::Aabb;
+pub use distance::Period;
+pub use ordered_points::OrderedPoints;
 pub use point_cloud::{Attribute, Column, PointCloud};
 pub use ray::Ray;
 pub use sphere::Sphere;

@@ -33,6 +33,22 @@ pub fn coordinates(what: &'static str, points: &[Vec3]) -> Result<()> {
     Ok(())
 }
 
+/// Checks what every structure asks of its points: searchable coordinates, and 32-bit indices.
+///
+/// # Errors
+/// `TooMany`, else as [`coordinates`].
+pub fn points(points: &[Vec3]) -> Result<()> {
+    if points.len() as u64 >= u64::from(u32::MAX) {
+        return Err(Error::TooMany {
+            what: "points",
+            found: points.len() as u64,
+            limit: u64::from(u32::MAX) - 1,
+            advice: "indices are 32 bits wide; split the cloud into tiles",
+        });
+    }
+    coordinates("points", points)
+}
+
 /// Checks that a radius is zero, or positive with a square that is a normal f32.
 ///
 /// `index` is the query it belongs to, where each query has its own.

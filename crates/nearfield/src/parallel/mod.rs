@@ -1,1 +1,3 @@
-//! placeholder
+//! Array primitives, on the CPU and on the GPU.
+pub mod radix_sort;
+pub mod reduce;

@@ -3,11 +3,14 @@
 //! [`FixedRadius`] is the question, [`NeighborSearch`] what every structure on every device answers, and
 //! [`Neighbors`], [`Counts`], [`Nearest`] the answers; each carries a [`Report`] of what really ran.
 
+mod cpu;
 mod fixed_radius;
 mod neighbors;
 mod report;
+mod rows;
 mod search;
 
+pub use cpu::ForEachNeighbor;
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
 pub use report::{Clock, Report, Stage};

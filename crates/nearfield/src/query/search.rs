@@ -26,7 +26,7 @@ pub trait NeighborSearch: Sync {
     fn memory_bytes(&self) -> u64;
 
     /// Times of the stages of the build.
-    fn build_stages(&self) -> &[Stage];
+    fn build_stages(&self) -> Vec<Stage>;
 
     /// Number of neighbours of every query; order, cap and distances of the question do not matter.
     ///

@@ -1,1 +1,95 @@
-//! placeholder
+//! Orders of points (and later of triangles) that make searching them cheap.
+//!
+//! A structure on the CPU is points in some order, cut into packs of neighbours, and one method: which runs of that
+//! order can hold anything near a box. Every query is written once on top of that ([`CpuStructure`]).
+
+use std::ops::Range;
+
+use glam::Vec3;
+
+use crate::geometry::{Aabb, OrderedPoints, Period};
+
+pub mod brute_force;
+pub mod uniform_grid;
+
+pub use brute_force::BruteForce;
+pub use uniform_grid::{GridSettings, UniformGrid};
+
+/// Time of a stage of a build, in milliseconds of the host's clock.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BuildStage {
+    /// "sort", "gather" …
+    pub name: &'static str,
+    /// Milliseconds.
+    pub milliseconds: f64,
+    /// Whether the device's clock measured it.
+    pub on_device: bool,
+}
+
+/// What a structure gives the queries on the CPU.
+pub trait CpuStructure: Sync {
+    /// Name of the structure, in lower case with hyphens.
+    const NAME: &'static str;
+    /// Name of the way it is searched.
+    const SEARCH: &'static str;
+
+    /// The points in the structure's order.
+    fn points(&self) -> &OrderedPoints;
+
+    /// Period of the domain.
+    fn period(&self) -> Period;
+
+    /// The points' packs: ascending offsets into the order, from 0 to the number of points. Points of a pack lie
+    /// close together and are searched with one set of spans.
+    fn packs(&self) -> &[u32];
+
+    /// An order and packs of other query points, by the same rule.
+    fn pack_queries(&self, queries: &[Vec3]) -> Packed;
+
+    /// Appends spans of the order that together hold every point within `radius` of any point of `region`, each place
+    /// at most once.
+    fn spans_near(&self, region: &Aabb, radius: f32, spans: &mut Vec<Range<usize>>);
+
+    /// Times of the build.
+    fn build_stages(&self) -> &[BuildStage];
+
+    /// Bytes held, points included.
+    fn memory_bytes(&self) -> u64;
+}
+
+/// Query points in a searching order.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Packed {
+    /// [q] the caller's index of the query at each place.
+    pub order: Vec<u32>,
+    /// Ascending offsets into `order`, from 0 to q.
+    pub packs: Vec<u32>,
+}
+
+/// Merges spans that touch or overlap, so that each place stands in one span only.
+pub(crate) fn merge_spans(spans: &mut Vec<Range<usize>>) {
+    spans.retain(|s| !s.is_empty());
+    if spans.is_sorted_by(|a, b| a.end < b.start) {
+        return;
+    }
+    spans.sort_unstable_by_key(|s| s.start);
+    spans.dedup_by(|next, last| {
+        let touches = next.start <= last.end;
+        if touches {
+            last.end = last.end.max(next.end);
+        }
+        touches
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn merged_spans_hold_each_place_once() {
+        let mut spans = vec![5..9, 0..3, 8..12, 3..3, 2..4, 20..21];
+        merge_spans(&mut spans);
+        assert_eq!(spans, [0..4, 5..12, 20..21]);
+    }
+}

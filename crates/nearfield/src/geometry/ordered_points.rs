@@ -1,0 +1,97 @@
+//! Points in the order of a structure, coordinate by coordinate, as SIMD tests want them.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::Aabb;
+
+/// Points as three coordinate arrays in a structure's order, with the index each had in the caller's order.
+///
+/// Invariants: 1. all four arrays have `len + PADDING` elements; 2. `ids[..len]` is a permutation of `0..len`.
+#[derive(Debug, Clone, Default)]
+pub struct OrderedPoints {
+    len: usize,
+    x: Vec<f32>,
+    y: Vec<f32>,
+    z: Vec<f32>,
+    ids: Vec<u32>,
+}
+
+impl OrderedPoints {
+    /// Elements beyond the last point, so that a vector load that starts at any point stays inside.
+    pub const PADDING: usize = 16;
+
+    /// The points in the order `order`: place i holds `points[order[i]]`.
+    ///
+    /// # Panics
+    /// If `order` is not a permutation of the points' indices (checked only as far as bounds and length).
+    pub fn gather(points: &[Vec3], order: &[u32]) -> Self {
+        assert_eq!(points.len(), order.len(), "an order should name every point once");
+        let column = |axis: usize| -> Vec<f32> {
+            let mut values = Vec::with_capacity(order.len() + Self::PADDING);
+            order.par_iter().with_min_len(1 << 14).map(|&i| points[i as usize][axis]).collect_into_vec(&mut values);
+            values.extend([f32::INFINITY; Self::PADDING]);
+            values
+        };
+        let mut ids = Vec::with_capacity(order.len() + Self::PADDING);
+        ids.extend_from_slice(order);
+        ids.extend([u32::MAX; Self::PADDING]);
+        Self { len: order.len(), x: column(0), y: column(1), z: column(2), ids }
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there is no point.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Position of the point at place `i`.
+    #[inline(always)]
+    pub fn position(&self, i: usize) -> Vec3 {
+        Vec3::new(self.x[i], self.y[i], self.z[i])
+    }
+
+    /// The caller's index of the point at place `i`.
+    #[inline(always)]
+    pub fn id(&self, i: usize) -> u32 {
+        self.ids[i]
+    }
+
+    /// [len] the caller's indices in this order.
+    pub fn ids(&self) -> &[u32] {
+        &self.ids[..self.len]
+    }
+
+    /// Bounds of the points at places `range`.
+    pub fn bounds(&self, range: std::ops::Range<usize>) -> Aabb {
+        range.fold(Aabb::EMPTY, |aabb, i| aabb.grown_to(self.position(i)))
+    }
+
+    /// Bytes held.
+    pub fn memory_bytes(&self) -> u64 {
+        (16 * (self.len + Self::PADDING)) as u64
+    }
+
+    /// The padded arrays x, y, z and ids, for vector loads.
+    pub(super) fn columns(&self) -> (&[f32], &[f32], &[f32], &[u32]) {
+        (&self.x, &self.y, &self.z, &self.ids)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gathering_keeps_position_and_index_together() {
+        let points = [Vec3::ZERO, Vec3::ONE, Vec3::new(1.0, 2.0, 3.0)];
+        let ordered = OrderedPoints::gather(&points, &[2, 0, 1]);
+        assert_eq!(ordered.position(0), points[2]);
+        assert_eq!(ordered.ids(), [2, 0, 1]);
+        assert_eq!(ordered.bounds(1..3), Aabb::new(Vec3::ZERO, Vec3::ONE));
+    }
+}

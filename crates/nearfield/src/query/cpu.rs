@@ -1,0 +1,346 @@
+//! Fixed-radius queries over any CPU structure: packs of queries in parallel, each pack with one set of spans.
+
+use std::borrow::Cow;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::rows::{self, TaskRows};
+use super::{
+    Clock, Counts, FixedRadius, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Report, RowOrder, Stage,
+};
+use crate::geometry::row_simd::{self, Ball, Hits, Simd};
+use crate::geometry::{Aabb, OrderedPoints};
+use crate::structure::CpuStructure;
+use crate::{Error, Result};
+
+/// Queries of a task: enough to hide the cost of handing it out, few enough to balance uneven rows.
+const TASK_QUERIES: usize = 4096;
+
+/// Queries in searching order.
+struct OrderedQueries<'a> {
+    points: Cow<'a, OrderedPoints>,
+    packs: Cow<'a, [u32]>,
+}
+
+/// One query with everything its search needs.
+pub(super) struct Query<'a> {
+    /// The caller's index.
+    pub(super) id: u32,
+    pub(super) ball: Ball,
+    /// Where candidates are.
+    pub(super) spans: &'a [Range<usize>],
+}
+
+fn ordered<'a, S: CpuStructure>(structure: &'a S, question: &FixedRadius<'_>) -> OrderedQueries<'a> {
+    match question.queries {
+        Queries::Points => {
+            OrderedQueries { points: Cow::Borrowed(structure.points()), packs: Cow::Borrowed(structure.packs()) }
+        }
+        Queries::Other(queries) => {
+            let packed = structure.pack_queries(queries);
+            OrderedQueries {
+                points: Cow::Owned(OrderedPoints::gather(queries, &packed.order)),
+                packs: Cow::Owned(packed.packs),
+            }
+        }
+    }
+}
+
+/// Runs `visit` on every query, tasks of packs in parallel; returns what each task made, in searching order.
+/// `visit` returns false to stop all tasks.
+pub(super) fn for_each_query<S, T>(
+    structure: &S,
+    question: &FixedRadius<'_>,
+    start_task: impl Fn(usize) -> T + Sync,
+    visit: impl Fn(&mut T, &Query<'_>) -> bool + Sync,
+) -> Vec<T>
+where
+    S: CpuStructure,
+    T: Send,
+{
+    let queries = ordered(structure, question);
+    let (points, packs) = (&*queries.points, &*queries.packs);
+    let stopped = AtomicBool::new(false);
+    tasks(packs)
+        .into_par_iter()
+        .map(|task| {
+            let n = packs[task.end] - packs[task.start];
+            let mut made = start_task(n as usize);
+            let mut spans = Vec::new();
+            for pack in packs[task.start..=task.end].windows(2) {
+                if stopped.load(Ordering::Relaxed) {
+                    break;
+                }
+                let places = pack[0] as usize..pack[1] as usize;
+                if !visit_pack(structure, question, points, places, &mut spans, |query| visit(&mut made, query)) {
+                    stopped.store(true, Ordering::Relaxed);
+                }
+            }
+            made
+        })
+        .collect()
+}
+
+/// Cuts packs into tasks of about [`TASK_QUERIES`] queries; ranges of pack numbers.
+fn tasks(packs: &[u32]) -> Vec<Range<usize>> {
+    let n_packs = packs.len().saturating_sub(1);
+    let mut tasks = Vec::new();
+    let mut first = 0;
+    for pack in 0..n_packs {
+        if (packs[pack + 1] - packs[first]) as usize >= TASK_QUERIES || pack + 1 == n_packs {
+            tasks.push(first..pack + 1);
+            first = pack + 1;
+        }
+    }
+    tasks
+}
+
+fn visit_pack<S: CpuStructure>(
+    structure: &S,
+    question: &FixedRadius<'_>,
+    points: &OrderedPoints,
+    places: Range<usize>,
+    spans: &mut Vec<Range<usize>>,
+    mut visit: impl FnMut(&Query<'_>) -> bool,
+) -> bool {
+    let mut region = Aabb::EMPTY;
+    let mut reach = 0f32;
+    for place in places.clone() {
+        region = region.grown_to(points.position(place));
+        reach = reach.max(question.radius_of(points.id(place) as usize));
+    }
+    spans.clear();
+    structure.spans_near(&region, reach, spans);
+    for place in places {
+        let id = points.id(place);
+        let radius = question.radius_of(id as usize);
+        let ball = Ball { center: points.position(place), radius2: radius * radius, period: structure.period() };
+        if !visit(&Query { id, ball, spans }) {
+            return false;
+        }
+    }
+    true
+}
+
+fn device_name() -> String {
+    format!("cpu ({} threads, {})", rayon::current_num_threads(), Simd::best().name())
+}
+
+fn report<S: CpuStructure>(kernel: &str) -> Report {
+    Report {
+        structure: S::NAME,
+        search: S::SEARCH,
+        device: device_name(),
+        kernels: vec![kernel.to_owned()],
+        batches: 1,
+        ..Report::default()
+    }
+}
+
+impl<S: CpuStructure> NeighborSearch for S {
+    fn structure(&self) -> &'static str {
+        S::NAME
+    }
+
+    fn device(&self) -> String {
+        device_name()
+    }
+
+    fn len(&self) -> usize {
+        self.points().len()
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        CpuStructure::memory_bytes(self)
+    }
+
+    fn build_stages(&self) -> Vec<Stage> {
+        let host =
+            |s: &crate::structure::BuildStage| Stage { name: s.name, milliseconds: s.milliseconds, clock: Clock::Host };
+        CpuStructure::build_stages(self).iter().map(host).collect()
+    }
+
+    fn count(&self, question: &FixedRadius<'_>) -> Result<Counts> {
+        question.validate(self.points().len())?;
+        let start = Instant::now();
+        let (simd, points) = (Simd::best(), self.points());
+        let made = for_each_query(self, question, Vec::with_capacity, |counts, query| {
+            let count = row_simd::count(simd, points, query.spans, &query.ball);
+            counts.push((query.id, count - u32::from(question.exclude_self)));
+            true
+        });
+        let mut counts = vec![0; question.len(points.len())];
+        for (id, count) in made.into_iter().flatten() {
+            counts[id as usize] = count;
+        }
+        let mut report = report::<S>("row_simd::count");
+        report.host_stage("query", start);
+        Ok(Counts { counts, report })
+    }
+
+    fn list(&self, question: &FixedRadius<'_>) -> Result<Neighbors> {
+        question.validate(self.points().len())?;
+        let start = Instant::now();
+        let n_queries = question.len(self.points().len());
+        let plain = !question.distances && question.max_neighbors.is_none() && question.order != RowOrder::Distance;
+        let made = match plain {
+            true => find_rows::<S, false>(self, question),
+            false => find_rows::<S, true>(self, question),
+        };
+        let Some(made) = made else {
+            return Err(too_large(self, question)?);
+        };
+        let mut report = report::<S>("row_simd::collect");
+        report.host_stage("query", start);
+        let start = Instant::now();
+        let mut neighbors = rows::assemble(made, n_queries, question.distances)?;
+        report.host_stage("assemble", start);
+        neighbors.report = report;
+        Ok(neighbors)
+    }
+
+    fn nearest(&self, question: &FixedRadius<'_>) -> Result<Nearest> {
+        question.validate(self.points().len())?;
+        let start = Instant::now();
+        let (simd, points) = (Simd::best(), self.points());
+        let made = for_each_query(
+            self,
+            question,
+            |n| (Vec::with_capacity(n), Hits::default()),
+            |(found, hits), query| {
+                hits.clear();
+                row_simd::collect::<true>(simd, points, query.spans, &query.ball, hits);
+                let nearest = hits
+                    .iter()
+                    .filter(|hit| !(question.exclude_self && hit.0 == query.id))
+                    .min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+                found.push((query.id, nearest));
+                true
+            },
+        );
+        let n_queries = question.len(points.len());
+        let (mut indices, mut dist2) = (vec![Nearest::NONE; n_queries], vec![f32::INFINITY; n_queries]);
+        for (id, nearest) in made.into_iter().flat_map(|(found, _)| found) {
+            if let Some((index, d2)) = nearest {
+                indices[id as usize] = index;
+                dist2[id as usize] = d2;
+            }
+        }
+        let mut report = report::<S>("row_simd::collect");
+        report.host_stage("query", start);
+        Ok(Nearest { indices, dist2, report })
+    }
+}
+
+/// All rows, task by task; `None` where they pass the memory that the answer may take.
+fn find_rows<S: CpuStructure, const DIST2: bool>(structure: &S, question: &FixedRadius<'_>) -> Option<Vec<TaskRows>> {
+    let (simd, points) = (Simd::best(), structure.points());
+    let limit = rows::entry_limit(question, points.len());
+    let entries = AtomicU64::new(0);
+    let fits = AtomicBool::new(true);
+    let made = for_each_query(structure, question, TaskRows::new, |rows, query| {
+        let before = rows.hits.ids.len();
+        row_simd::collect::<DIST2>(simd, points, query.spans, &query.ball, &mut rows.hits);
+        rows.finish_row::<DIST2>(query.id, before, question);
+        let added = rows.take_unreported();
+        let fine = added == 0 || entries.fetch_add(added, Ordering::Relaxed) + added <= limit;
+        if !fine {
+            fits.store(false, Ordering::Relaxed);
+        }
+        fine
+    });
+    (fits.into_inner() && made.iter().map(|m| m.hits.ids.len() as u64).sum::<u64>() <= limit).then_some(made)
+}
+
+/// The error for a list that does not fit, with the size it would have.
+fn too_large<S: CpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Error> {
+    let counts = structure.count(question)?;
+    let cap = question.max_neighbors.unwrap_or(u32::MAX);
+    let entries: u64 = counts.as_slice().iter().map(|&c| u64::from(c.min(cap))).sum();
+    Ok(rows::too_large(entries, question, structure.points().len()))
+}
+
+/// Visits each neighbour with a closure that may stop early; no list is made.
+///
+/// Implemented for every CPU structure.
+pub trait ForEachNeighbor: CpuStructure {
+    /// Calls `visit(query, neighbor)` for every neighbour of every query, queries in parallel. `Break` ends the
+    /// query's row, not the others. The order within a row is unspecified; the question's order, cap and distances
+    /// do not matter.
+    ///
+    /// # Errors
+    /// See [`FixedRadius::validate`].
+    fn for_each(
+        &self,
+        question: &FixedRadius<'_>,
+        visit: impl Fn(u32, Neighbor) -> std::ops::ControlFlow<()> + Sync,
+    ) -> Result<()>
+    where
+        Self: Sized,
+    {
+        question.validate(self.points().len())?;
+        for_each_query(
+            self,
+            question,
+            |_| Hits::default(),
+            |hits, query| {
+                let own = question.exclude_self.then_some(query.id);
+                visit_row(self.points(), query.spans, &query.ball, own, hits, |neighbor| visit(query.id, neighbor));
+                true
+            },
+        );
+        Ok(())
+    }
+
+    /// Calls `visit` for every point within `radius` of `center`, until it returns `Break`.
+    ///
+    /// # Errors
+    /// `InvalidRadius`, `NonFinite`, `CoordinateTooLarge`.
+    fn for_each_at(
+        &self,
+        center: glam::Vec3,
+        radius: f32,
+        visit: impl FnMut(Neighbor) -> std::ops::ControlFlow<()>,
+    ) -> Result<()>
+    where
+        Self: Sized,
+    {
+        FixedRadius::new(radius).queries(&[center]).validate(self.points().len())?;
+        let mut spans = Vec::new();
+        self.spans_near(&Aabb::new(center, center), radius, &mut spans);
+        let ball = Ball { center, radius2: radius * radius, period: self.period() };
+        visit_row(self.points(), &spans, &ball, None, &mut Hits::default(), visit);
+        Ok(())
+    }
+}
+
+impl<S: CpuStructure> ForEachNeighbor for S {}
+
+/// Candidates tested between two looks at whether the visitor wants more.
+const VISIT_STEP: usize = 256;
+
+fn visit_row(
+    points: &OrderedPoints,
+    spans: &[Range<usize>],
+    ball: &Ball,
+    own: Option<u32>,
+    hits: &mut Hits,
+    mut visit: impl FnMut(Neighbor) -> std::ops::ControlFlow<()>,
+) {
+    let simd = Simd::best();
+    for span in spans {
+        for start in span.clone().step_by(VISIT_STEP) {
+            hits.clear();
+            let step = start..span.end.min(start + VISIT_STEP);
+            row_simd::collect::<true>(simd, points, std::slice::from_ref(&step), ball, hits);
+            for (index, dist2) in hits.iter() {
+                if own != Some(index) && visit(Neighbor { index, dist2 }).is_break() {
+                    return;
+                }
+            }
+        }
+    }
+}

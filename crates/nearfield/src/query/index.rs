@@ -1,0 +1,195 @@
+//! A structure and a device chosen by words, for programs that let their users choose.
+
+use std::str::FromStr;
+
+use glam::Vec3;
+
+use super::{Counts, FixedRadius, Nearest, NeighborSearch, Neighbors, Stage};
+use crate::geometry::Period;
+use crate::gpu::{AdapterKind, DeviceChoice, Gpu};
+use crate::structure::{BruteForce, GpuBruteForce, GpuUniformGrid, GridSettings, UniformGrid};
+use crate::{Error, Result};
+
+/// Below this many pairs of query and point, testing all of them beats building anything.
+const BRUTE_FORCE_PAIRS: u64 = 1 << 20;
+
+/// Which structure to build.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum StructureChoice {
+    /// Brute force for a few thousand points, else the uniform grid.
+    #[default]
+    Auto,
+    /// [`BruteForce`].
+    BruteForce,
+    /// [`UniformGrid`].
+    UniformGrid,
+}
+
+impl StructureChoice {
+    /// Every structure there is, without `Auto`.
+    pub const ALL: [Self; 2] = [Self::BruteForce, Self::UniformGrid];
+
+    /// The structure's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::BruteForce => "brute-force",
+            Self::UniformGrid => "uniform-grid",
+        }
+    }
+}
+
+impl FromStr for StructureChoice {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        std::iter::once(Self::Auto).chain(Self::ALL).find(|c| c.name() == text).ok_or_else(|| Error::InvalidSetting {
+            setting: "structure",
+            found: text.into(),
+            expected: "auto, brute-force or uniform-grid",
+        })
+    }
+}
+
+/// What to build and where.
+#[derive(Debug, Clone, Default)]
+pub struct IndexSettings {
+    /// The structure.
+    pub structure: StructureChoice,
+    /// The device.
+    pub device: DeviceChoice,
+    /// Period of the domain.
+    pub period: Period,
+}
+
+/// A structure on a device, ready for questions.
+pub struct Index {
+    search: Box<dyn NeighborSearch>,
+    notes: Vec<String>,
+}
+
+impl Index {
+    /// Builds what `settings` say over `points`, for questions like `question`.
+    ///
+    /// Only `DeviceChoice::Auto` falls back to the CPU, where no hardware GPU is found or the GPU fails; the notes of
+    /// the index and of every report say so.
+    ///
+    /// # Errors
+    /// As the builds: `NonFinite`, `CoordinateTooLarge`, `TooMany`, `InvalidSetting`; `NoDevice`;
+    /// `OutOfDeviceMemory` and other device errors unless the device is `Auto`.
+    pub fn build(points: &[Vec3], question: &FixedRadius<'_>, settings: &IndexSettings) -> Result<Self> {
+        let structure = match settings.structure {
+            StructureChoice::Auto => {
+                let pairs = points.len() as u64 * question.len(points.len()) as u64;
+                if pairs <= BRUTE_FORCE_PAIRS { StructureChoice::BruteForce } else { StructureChoice::UniformGrid }
+            }
+            chosen => chosen,
+        };
+        let mut notes = Vec::new();
+        let gpu = match Gpu::open(&settings.device) {
+            Ok(gpu) => gpu,
+            Err(error) if settings.device == DeviceChoice::Auto => {
+                notes.push(format!("the GPU could not be used ({error}); the CPU did the work"));
+                None
+            }
+            Err(error) => return Err(error),
+        };
+        if let Some(gpu) = gpu {
+            if gpu.kind() == AdapterKind::Software {
+                notes.push(format!("{} is a software renderer: the CPU in disguise, and slower", gpu.name()));
+            }
+            match Self::on_gpu(&gpu, points, question, structure, settings.period) {
+                Ok(search) => return Ok(Self { search, notes }),
+                Err(error) if settings.device == DeviceChoice::Auto && is_device_fault(&error) => {
+                    notes.push(format!("{} could not be used ({error}); the CPU did the work", gpu.name()));
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(Self { search: Self::on_cpu(points, question, structure, settings.period)?, notes })
+    }
+
+    fn on_cpu(
+        points: &[Vec3],
+        question: &FixedRadius<'_>,
+        structure: StructureChoice,
+        period: Period,
+    ) -> Result<Box<dyn NeighborSearch>> {
+        Ok(match structure {
+            StructureChoice::BruteForce => Box::new(BruteForce::build_periodic(points, period)?),
+            StructureChoice::UniformGrid | StructureChoice::Auto => {
+                let settings = GridSettings::for_radius(question.largest_radius()).periodic(period);
+                Box::new(UniformGrid::build(points, &settings)?)
+            }
+        })
+    }
+
+    fn on_gpu(
+        gpu: &Gpu,
+        points: &[Vec3],
+        question: &FixedRadius<'_>,
+        structure: StructureChoice,
+        period: Period,
+    ) -> Result<Box<dyn NeighborSearch>> {
+        Ok(match structure {
+            StructureChoice::BruteForce => Box::new(GpuBruteForce::build_periodic(gpu, points, period)?),
+            StructureChoice::UniformGrid | StructureChoice::Auto => {
+                let settings = GridSettings::for_radius(question.largest_radius()).periodic(period);
+                Box::new(GpuUniformGrid::build(gpu, points, &settings)?)
+            }
+        })
+    }
+
+    /// What a user should know about the choice: a fallback, a software adapter.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+}
+
+/// Whether another device might succeed where this one failed.
+fn is_device_fault(error: &Error) -> bool {
+    matches!(
+        error,
+        Error::OutOfDeviceMemory { .. } | Error::DeviceLost { .. } | Error::Device { .. } | Error::KernelRejected { .. }
+    )
+}
+
+impl NeighborSearch for Index {
+    fn structure(&self) -> &'static str {
+        self.search.structure()
+    }
+
+    fn device(&self) -> String {
+        self.search.device()
+    }
+
+    fn len(&self) -> usize {
+        self.search.len()
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.search.memory_bytes()
+    }
+
+    fn build_stages(&self) -> Vec<Stage> {
+        self.search.build_stages()
+    }
+
+    fn count(&self, question: &FixedRadius<'_>) -> Result<Counts> {
+        let mut counts = self.search.count(question)?;
+        counts.report.notes.extend_from_slice(&self.notes);
+        Ok(counts)
+    }
+
+    fn list(&self, question: &FixedRadius<'_>) -> Result<Neighbors> {
+        let mut neighbors = self.search.list(question)?;
+        neighbors.report.notes.extend_from_slice(&self.notes);
+        Ok(neighbors)
+    }
+
+    fn nearest(&self, question: &FixedRadius<'_>) -> Result<Nearest> {
+        let mut nearest = self.search.nearest(question)?;
+        nearest.report.notes.extend_from_slice(&self.notes);
+        Ok(nearest)
+    }
+}

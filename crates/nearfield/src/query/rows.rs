@@ -1,0 +1,191 @@
+//! Rows of neighbours on their way to an answer: order and cap within a row, and the assembly of tasks into one list.
+
+use rayon::prelude::*;
+
+use super::{CutRow, FixedRadius, Neighbors, RowOrder};
+use crate::geometry::row_simd::Hits;
+use crate::{Error, Result};
+
+/// Rows that one task found, in searching order.
+#[derive(Debug, Default)]
+pub(super) struct TaskRows {
+    queries: Vec<u32>,
+    lengths: Vec<u32>,
+    pub(super) hits: Hits,
+    cut: Vec<CutRow>,
+    keys: Vec<u64>,
+    reported: usize,
+}
+
+/// Entries a task adds between two looks at the shared total.
+const REPORT_STEP: usize = 1 << 18;
+
+impl TaskRows {
+    pub(super) fn new(n_queries: usize) -> Self {
+        let (queries, lengths) = (Vec::with_capacity(n_queries), Vec::with_capacity(n_queries));
+        Self { queries, lengths, ..Self::default() }
+    }
+
+    /// Closes the row of `query`, whose hits stand from `start` on: leaves out the query itself, caps and orders.
+    #[inline]
+    pub(super) fn finish_row<const DIST2: bool>(&mut self, query: u32, start: usize, question: &FixedRadius<'_>) {
+        if question.exclude_self
+            && let Some(own) = self.hits.ids[start..].iter().position(|&id| id == query)
+        {
+            self.hits.ids.remove(start + own);
+            if DIST2 {
+                self.hits.dist2.remove(start + own);
+            }
+        }
+        let found = self.hits.ids.len() - start;
+        let kept = question.max_neighbors.map_or(found, |cap| found.min(cap as usize));
+        if DIST2 && (kept < found || question.order != RowOrder::Unspecified) {
+            self.order_row(start, kept, question.order);
+        } else if question.order == RowOrder::Index {
+            self.hits.ids[start..].sort_unstable();
+        }
+        if kept < found {
+            self.cut.push(CutRow { query, missing: (found - kept) as u32 });
+        }
+        self.queries.push(query);
+        self.lengths.push(kept as u32);
+    }
+
+    /// Keeps the nearest `kept` hits from `start` on, and orders them.
+    fn order_row(&mut self, start: usize, kept: usize, order: RowOrder) {
+        // Squared distances are not negative, so their bits order like numbers; ties fall to the lower index.
+        let by_distance = |(&id, d2): (&u32, &f32)| u64::from(d2.to_bits()) << 32 | u64::from(id);
+        self.keys.clear();
+        self.keys.extend(self.hits.ids[start..].iter().zip(&self.hits.dist2[start..]).map(by_distance));
+        if kept < self.keys.len() {
+            if kept > 0 {
+                self.keys.select_nth_unstable(kept - 1);
+            }
+            self.keys.truncate(kept);
+        }
+        match order {
+            RowOrder::Index => self.keys.sort_unstable_by_key(|&key| key as u32),
+            RowOrder::Distance | RowOrder::Unspecified => self.keys.sort_unstable(),
+        }
+        self.hits.ids.truncate(start);
+        self.hits.dist2.truncate(start);
+        self.hits.ids.extend(self.keys.iter().map(|&key| key as u32));
+        self.hits.dist2.extend(self.keys.iter().map(|&key| f32::from_bits((key >> 32) as u32)));
+    }
+
+    /// Entries added since the last non-zero answer, once they are many.
+    #[inline]
+    pub(super) fn take_unreported(&mut self) -> u64 {
+        let added = self.hits.ids.len() - self.reported;
+        if added < REPORT_STEP {
+            return 0;
+        }
+        self.reported = self.hits.ids.len();
+        added as u64
+    }
+}
+
+/// Bytes of one entry of a list.
+fn entry_bytes(question: &FixedRadius<'_>) -> u64 {
+    if question.distances { 8 } else { 4 }
+}
+
+/// Entries that the answer may have: by the caller's limit, and by what the host has left.
+pub(super) fn entry_limit(question: &FixedRadius<'_>, n_points: usize) -> u64 {
+    let bytes = entry_bytes(question);
+    let offsets = 8 * (question.len(n_points) as u64 + 1);
+    // While the answer is assembled, the tasks' rows stand beside it.
+    let by_host = available_memory().saturating_sub(offsets) / (2 * bytes);
+    let by_caller = question.max_bytes.map_or(u64::MAX, |limit| limit.saturating_sub(offsets) / bytes);
+    by_host.min(by_caller)
+}
+
+/// The error for a list of `entries`.
+pub(super) fn too_large(entries: u64, question: &FixedRadius<'_>, n_points: usize) -> Error {
+    let offsets = 8 * (question.len(n_points) as u64 + 1);
+    Error::OutOfMemory {
+        what: "the list of neighbours",
+        needed: entries * entry_bytes(question) + offsets,
+        available: entry_limit(question, n_points) * entry_bytes(question) + offsets,
+    }
+}
+
+/// Bytes of memory the host has left; no limit where that is not known.
+pub(super) fn available_memory() -> u64 {
+    let known = || {
+        let info = std::fs::read_to_string("/proc/meminfo").ok()?;
+        let line = info.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
+        let kilobytes: u64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
+        // A tenth is left to the rest of the machine.
+        Some(kilobytes * 1024 / 10 * 9)
+    };
+    known().unwrap_or(u64::MAX)
+}
+
+/// Brings the tasks' rows into query order.
+///
+/// # Errors
+/// `OutOfMemory`.
+pub(super) fn assemble(tasks: Vec<TaskRows>, n_queries: usize, distances: bool) -> Result<Neighbors> {
+    // Where each query's row is: the task, and the start within it.
+    let mut place = vec![(0u32, 0usize, 0u32); n_queries];
+    for (number, task) in tasks.iter().enumerate() {
+        let mut start = 0;
+        for (&query, &length) in task.queries.iter().zip(&task.lengths) {
+            place[query as usize] = (number as u32, start, length);
+            start += length as usize;
+        }
+    }
+    let mut offsets = Vec::with_capacity(n_queries + 1);
+    let mut total = 0u64;
+    offsets.push(0);
+    for &(_, _, length) in &place {
+        total += u64::from(length);
+        offsets.push(total);
+    }
+    let mut cut: Vec<CutRow> = tasks.iter().flat_map(|t| t.cut.iter().copied()).collect();
+    cut.sort_unstable_by_key(|c| c.query);
+    let indices = gather(&offsets, &place, |task| &tasks[task as usize].hits.ids)?;
+    let distances = match distances {
+        true => {
+            let mut values = gather(&offsets, &place, |task| &tasks[task as usize].hits.dist2)?;
+            values.par_iter_mut().with_min_len(1 << 14).for_each(|d| *d = d.sqrt());
+            Some(values)
+        }
+        false => None,
+    };
+    Ok(Neighbors { offsets, indices, distances, cut, ..Neighbors::default() })
+}
+
+/// Queries whose rows one thread copies.
+const GATHER_QUERIES: usize = 1 << 13;
+
+fn gather<'a, T: Copy + Default + Send + Sync + 'a>(
+    offsets: &[u64],
+    place: &[(u32, usize, u32)],
+    column: impl Fn(u32) -> &'a Vec<T> + Sync,
+) -> Result<Vec<T>> {
+    let total = offsets.last().copied().unwrap_or(0);
+    let needed = total * size_of::<T>() as u64;
+    let mut values: Vec<T> = Vec::new();
+    let error = |_| Error::OutOfMemory { what: "the list of neighbours", needed, available: available_memory() };
+    values.try_reserve_exact(total as usize).map_err(error)?;
+    values.resize(total as usize, T::default());
+    let mut parts = Vec::new();
+    let mut rest = &mut values[..];
+    for first in (0..place.len()).step_by(GATHER_QUERIES) {
+        let end = place.len().min(first + GATHER_QUERIES);
+        let (part, after) = rest.split_at_mut((offsets[end] - offsets[first]) as usize);
+        parts.push((first..end, part));
+        rest = after;
+    }
+    parts.into_par_iter().for_each(|(queries, part)| {
+        let mut rest = part;
+        for &(task, start, length) in &place[queries] {
+            let (row, after) = rest.split_at_mut(length as usize);
+            row.copy_from_slice(&column(task)[start..start + length as usize]);
+            rest = after;
+        }
+    });
+    Ok(values)
+}

@@ -1,0 +1,13 @@
+//! No structure at all: every query is tested against every point.
+//!
+//! The reference that every other structure is compared with, and the fastest choice for a few thousand points.
+//! Source: the brute-force baseline of Accel. Cost: 16 bytes a point, no build beyond a copy, O(n) a query.
+//!
+//! Invariants: 1. the order is the caller's order; 2. packs are runs of at most [`PACK`] points.
+
+mod cpu;
+
+pub use cpu::BruteForce;
+
+/// Points of a pack: queries that share one set of spans. Here the span is always everything.
+const PACK: usize = 64;

@@ -1,0 +1,67 @@
+//! What a caller can choose about a grid.
+
+use crate::geometry::{Aabb, Period, validate};
+use crate::{Error, Result};
+
+/// Settings of a grid, fixed when it is built.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridSettings {
+    /// Edge length of a cell; a query of that radius touches 3 × 3 rows. 0 lets the build choose by density.
+    pub cell_size: f32,
+    /// Cells along x are this many times shorter than `cell_size`: runs are cut closer to the ball. 1 to 8.
+    pub refine_x: u32,
+    /// Where the points lie, if known: saves finding out. Points outside stay exact, only slower to search.
+    pub bounds: Option<Aabb>,
+    /// Period of the domain.
+    pub period: Period,
+}
+
+impl GridSettings {
+    /// Cells for queries of about this radius.
+    pub fn for_radius(radius: f32) -> Self {
+        Self { cell_size: radius, refine_x: 2, bounds: None, period: Period::NONE }
+    }
+
+    /// Cells chosen by density: about two points each if they were spread evenly.
+    pub fn by_density() -> Self {
+        Self::for_radius(0.0)
+    }
+
+    /// Makes the domain periodic.
+    pub fn periodic(mut self, period: Period) -> Self {
+        self.period = period;
+        self
+    }
+
+    /// Gives the bounds of the points.
+    pub fn bounds(mut self, bounds: Aabb) -> Self {
+        self.bounds = Some(bounds);
+        self
+    }
+
+    /// Checks the settings.
+    ///
+    /// # Errors
+    /// `InvalidSetting` for a cell size that is negative or not finite, or a refinement outside 1 to 8;
+    /// `InvalidRadius`, `NonFinite`, `CoordinateTooLarge` for bounds that no coordinate can have.
+    pub(crate) fn validate(&self) -> Result<()> {
+        if !(self.cell_size >= 0.0 && self.cell_size.is_finite()) {
+            return Err(Error::InvalidSetting {
+                setting: "cell_size",
+                found: format!("{:e}", self.cell_size),
+                expected: "a finite length ≥ 0 (0: chosen by density)",
+            });
+        }
+        if !(1..=8).contains(&self.refine_x) {
+            return Err(Error::InvalidSetting {
+                setting: "refine_x",
+                found: self.refine_x.to_string(),
+                expected: "1 to 8",
+            });
+        }
+        match self.bounds {
+            Some(bounds) => validate::coordinates("corners of the bounds", &[bounds.min, bounds.max]),
+            None => Ok(()),
+        }
+    }
+}
