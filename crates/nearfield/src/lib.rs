@@ -32,4 +32,10 @@ pub use query::{
     Counts, FixedRadius, ForEachNeighbor, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Radius, Report,
     RowOrder,
 };
+#[cfg(feature = "gpu")]
+pub use gpu::{DeviceChoice, Gpu};
+#[cfg(feature = "gpu")]
+pub use query::{ForEachOnDevice, GpuNeighbors, Index, IndexSettings, SearchOnDevice, StructureChoice, Visitor};
+#[cfg(feature = "gpu")]
+pub use structure::{GpuBruteForce, GpuUniformGrid};
 pub use structure::{BruteForce, GridSettings, UniformGrid};

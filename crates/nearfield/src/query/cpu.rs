@@ -8,8 +8,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::rows::{self, TaskRows};
-use super::{
-    Clock, Counts, FixedRadius, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Report, RowOrder, Stage,
+use super::{Counts, FixedRadius, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Report, RowOrder, Stage,
 };
 use crate::geometry::row_simd::{self, Ball, Hits, Simd};
 use crate::geometry::{Aabb, OrderedPoints};
@@ -158,9 +157,7 @@ impl<S: CpuStructure> NeighborSearch for S {
     }
 
     fn build_stages(&self) -> Vec<Stage> {
-        let host =
-            |s: &crate::structure::BuildStage| Stage { name: s.name, milliseconds: s.milliseconds, clock: Clock::Host };
-        CpuStructure::build_stages(self).iter().map(host).collect()
+        CpuStructure::build_stages(self).iter().map(Stage::from).collect()
     }
 
     fn count(&self, question: &FixedRadius<'_>) -> Result<Counts> {

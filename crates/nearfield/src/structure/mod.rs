@@ -10,9 +10,19 @@ use glam::Vec3;
 use crate::geometry::{Aabb, OrderedPoints, Period};
 
 pub mod brute_force;
+#[cfg(feature = "gpu")]
+mod on_gpu;
 pub mod uniform_grid;
 
 pub use brute_force::BruteForce;
+#[cfg(feature = "gpu")]
+pub use brute_force::GpuBruteForce;
+#[cfg(feature = "gpu")]
+pub(crate) use on_gpu::device_points;
+#[cfg(feature = "gpu")]
+pub use on_gpu::{DevicePoint, GpuStructure};
+#[cfg(feature = "gpu")]
+pub use uniform_grid::{GpuUniformGrid, GridBuilder};
 pub use uniform_grid::{GridSettings, UniformGrid};
 
 /// Time of a stage of a build, in milliseconds of the host's clock.
