@@ -1,1 +1,9 @@
-//! placeholder
+//! Point cloud and mesh files: one file a format.
+
+mod columns;
+mod guard;
+mod las;
+
+mod pcd;
+#[cfg(test)]
+mod test_data;
