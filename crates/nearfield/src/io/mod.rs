@@ -4,6 +4,8 @@ mod columns;
 mod guard;
 mod las;
 
+mod npy;
 mod pcd;
 #[cfg(test)]
 mod test_data;
+mod vtp;
