@@ -1,7 +1,7 @@
 //! Columns of numbers between files and clouds: typed values at a stride inside a block of bytes, and the names and
 //! lengths that a writer needs.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use crate::geometry::{Attribute, Column, PointCloud};
 
@@ -118,6 +118,15 @@ pub(crate) fn cloud_from_columns(axes: [Strided<'_>; 3], n: usize) -> PointCloud
     PointCloud::from_world(&world)
 }
 
+/// Vectors from their three component columns, all of length `n`.
+pub(crate) fn vectors_from_columns(components: [Strided<'_>; 3], n: usize) -> Vec<Vec3> {
+    let mut vectors = vec![Vec3::ZERO; n];
+    for (axis, column) in components.iter().enumerate() {
+        column.for_each(|i, value| vectors[i][axis] = value as f32);
+    }
+    vectors
+}
+
 /// Names for the attributes of a cloud that a file can hold: `clean` makes one name legal, and a name that is empty,
 /// reserved or already taken gets a number behind it.
 pub(crate) fn distinct_names(
@@ -202,7 +211,7 @@ mod tests {
 
     #[test]
     fn a_short_column_is_refused_before_writing() {
-        let mut cloud = PointCloud::new(vec![glam::Vec3::ZERO; 3]);
+        let mut cloud = PointCloud::new(vec![Vec3::ZERO; 3]);
         assert!(check_lengths(&cloud).is_ok());
         cloud.colors = Some(vec![[0; 4]; 2]);
         let error = check_lengths(&cloud).unwrap_err().to_string();

@@ -27,7 +27,7 @@ pub(crate) fn write_cloud(cloud: &PointCloud, out: &mut dyn Write) -> io::Result
         point_data.push(Array { name, components: 1, values: Values::from(&attribute.values) });
     }
     let points = positions(cloud.origin, &cloud.points);
-    write(&Piece { points, point_data, cells: Cells::Vertices(cloud.len()) }, out)
+    write(&Piece { n_points: cloud.len(), points, point_data, cells: Cells::Vertices(cloud.len()) }, out)
 }
 
 /// Writes a mesh.
@@ -40,11 +40,12 @@ pub(crate) fn write_mesh(mesh: &TriMesh, out: &mut dyn Write) -> io::Result<()> 
     check_equal(columns, mesh.vertices.len())?;
     let point_data = standard_arrays(mesh.normals.as_deref(), mesh.colors.as_deref());
     let points = positions(mesh.origin, &mesh.vertices);
-    write(&Piece { points, point_data, cells: Cells::Triangles(&mesh.triangles) }, out)
+    write(&Piece { n_points: mesh.vertices.len(), points, point_data, cells: Cells::Triangles(&mesh.triangles) }, out)
 }
 
 /// The geometry of a file.
 struct Piece<'a> {
+    n_points: usize,
     points: Array<'a>,
     point_data: Vec<Array<'a>>,
     cells: Cells<'a>,
@@ -198,7 +199,7 @@ fn write(piece: &Piece<'_>, out: &mut dyn Write) -> io::Result<()> {
     });
     let mut take = |n: usize| elements.by_ref().take(n).collect::<String>();
     let (point_data, points, cell_arrays) = (take(piece.point_data.len()), take(1), take(2));
-    let n_points = piece.points.values.size() / if piece.points.values.kind() == "Float64" { 24 } else { 12 };
+    let n_points = piece.n_points;
     let (verts, polys, section) = match piece.cells {
         Cells::Vertices(n) => (n, 0, "Verts"),
         Cells::Triangles(triangles) => (0, triangles.len(), "Polys"),

@@ -187,7 +187,7 @@ impl<'a> Part<'a> {
         fn fill<T>(to: &mut [T], from: impl Iterator<Item = T>) {
             to.iter_mut().zip(from).for_each(|(to, from)| *to = from);
         }
-        let mut to = self.split_off(block.len());
+        let to = self.split_off(block.len());
         let world = block.x().zip(block.y()).zip(block.z());
         fill(to.world, world.map(|((x, y), z)| DVec3::new(x, y, z)));
         fill(to.intensity, block.intensity());
@@ -198,7 +198,7 @@ impl<'a> Part<'a> {
             fill(to.gps_time, gps_time);
         }
         if let Some(color) = block.rgb() {
-            fill(&mut to.color, color.map(|(red, green, blue)| [red, green, blue]));
+            fill(to.color, color.map(|(red, green, blue)| [red, green, blue]));
         }
     }
 }

@@ -191,6 +191,24 @@ fn a_huge_count_in_one_huge_chunk_costs_no_memory() {
 }
 
 #[test]
+fn equal_points_that_compress_to_almost_nothing_are_read() {
+    // 41 MB of columns from a file of some kilobytes: more than is allowed without decoding it once before.
+    let mut builder = las::Builder::from((1, 2));
+    builder.point_format = Format::new(0).unwrap();
+    builder.point_format.is_compressed = true;
+    let mut writer = las::Writer::new(Cursor::new(vec![]), builder.into_header().unwrap()).unwrap();
+    let points = 1_000_000;
+    for _ in 0..points {
+        writer.write_point(Point { x: 5.25, ..Point::default() }).unwrap();
+    }
+    let bytes = writer.into_inner().unwrap().into_inner();
+    assert!(bytes.len() < 100_000, "{} bytes", bytes.len());
+    let cloud = read(&bytes).unwrap();
+    assert_eq!(cloud.len(), points);
+    assert!((0..points).all(|i| cloud.world(i) == DVec3::new(5.25, 0.0, 0.0)));
+}
+
+#[test]
 fn a_chunk_table_offset_at_the_end_is_found() {
     let mut laz = sample(6, true);
     let start = points_start(&laz);

@@ -8,7 +8,7 @@ use super::{NPY, NPZ};
 use crate::Result;
 use crate::error::{FileError, Place};
 use crate::geometry::{Attribute, Column, PointCloud};
-use crate::io::columns::cloud_from_columns;
+use crate::io::columns::{cloud_from_columns, vectors_from_columns};
 
 /// Bytes that hold every header that is parsed.
 const HEADER_ROOM: usize = 10_012;
@@ -99,8 +99,8 @@ fn read_npz(bytes: &[u8]) -> Result<PointCloud> {
     for &i in used.iter().filter(|&&i| i != points) {
         let member = &members[i];
         match member.entry.name.as_str() {
-            "normals" => result.normals = Some(member.with_array(|array| vectors(array))?),
-            "colors" => result.colors = Some(member.with_array(|array| colors(array))?),
+            "normals" => result.normals = Some(member.with_array(vectors)?),
+            "colors" => result.colors = Some(member.with_array(colors)?),
             name => {
                 let values = member.with_array(|array| array.column(0).column())?;
                 result.attributes.push(Attribute { name: name.to_owned(), values });
@@ -129,11 +129,7 @@ fn points_member(members: &[Member<'_>]) -> Result<usize> {
 }
 
 fn vectors(array: &Array<'_>) -> Vec<Vec3> {
-    let mut vectors = vec![Vec3::ZERO; array.rows()];
-    for axis in 0..3 {
-        array.column(axis).for_each(|i, value| vectors[i][axis] = value as f32);
-    }
-    vectors
+    vectors_from_columns([0, 1, 2].map(|axis| array.column(axis)), array.rows())
 }
 
 fn colors(array: &Array<'_>) -> Vec<[u8; 4]> {

@@ -195,6 +195,42 @@ fn an_archive_that_promises_more_than_it_holds_is_refused() {
 }
 
 #[test]
+fn a_64_bit_directory_is_read() {
+    let points = [Vec3::new(1.0, 2.0, 3.0), Vec3::new(4.0, 5.0, 6.0)];
+    let small = archive(&[("points", NpyArray::F32x3(&points))]);
+    let directory = small.windows(4).rposition(|w| w == b"PK\x01\x02").unwrap();
+    let end = small.len() - 22;
+    // The same entry with its numbers moved into a field of 64-bit ones, and the end record likewise.
+    let mut entry = small[directory..end].to_vec();
+    let size = u64::from(u32::from_le_bytes(entry[20..24].try_into().unwrap()));
+    entry[20..28].fill(0xff);
+    entry[42..46].fill(0xff);
+    entry[30..32].copy_from_slice(&28_u16.to_le_bytes());
+    entry.truncate(46 + "points.npy".len());
+    entry.extend([1, 0, 24, 0]);
+    entry.extend([size, size, 0].iter().flat_map(|n| n.to_le_bytes()));
+    let mut bytes = [&small[..directory], &entry].concat();
+    let wide_end = bytes.len() as u64;
+    bytes.extend(b"PK\x06\x06");
+    bytes.extend([44, 0x2d_002d, 0, 1, 1, entry.len() as u64, directory as u64].iter().enumerate().flat_map(
+        |(i, n)| {
+            // The two versions, and the two disk numbers, take one 32-bit field and one 64-bit field.
+            n.to_le_bytes().into_iter().take(if i == 1 { 4 } else { 8 })
+        },
+    ));
+    bytes.extend(b"PK\x06\x07\0\0\0\0");
+    bytes.extend(wide_end.to_le_bytes());
+    bytes.extend([1, 0, 0, 0]);
+    let mut last = small[end..].to_vec();
+    last[8..20].fill(0xff);
+    bytes.extend(last);
+    assert_eq!(world(&read(&bytes).unwrap()), EXPECTED);
+    for cut in 0..bytes.len() {
+        assert!(read(&bytes[..cut]).is_err(), "cut at byte {cut}");
+    }
+}
+
+#[test]
 fn entries_that_share_their_bytes_are_refused() {
     let one = archive(&[("points", NpyArray::F32x3(&[Vec3::ONE; 300]))]);
     let directory = one.windows(4).rposition(|w| w == b"PK\x01\x02").unwrap();

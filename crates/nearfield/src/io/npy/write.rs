@@ -137,7 +137,7 @@ fn into_io(error: zip::result::ZipError) -> io::Error {
 }
 
 /// Writes a cloud as NPZ: `points` [n, 3] (f64 world coordinates where the origin is not zero, else f32), `normals`
-/// (f32, [n, 3]), `colors` (u8, [n, 4]) and an array [n] for each attribute.
+/// (f32, [n, 3]), `colors` (u8, [n, 4]) and a list of n values for each attribute.
 ///
 /// An attribute whose name is taken or no file name gets another one.
 ///

@@ -7,9 +7,8 @@ use super::{FORMAT, lzf};
 use crate::Result;
 use crate::error::{FileError, Place};
 use crate::geometry::{Attribute, PointCloud};
-use crate::io::columns::{Scalar, Strided, cloud_from_columns};
+use crate::io::columns::{Scalar, Strided, cloud_from_columns, vectors_from_columns};
 use crate::io::guard;
-use glam::Vec3;
 
 /// The cloud in a PCD file: positions, normals, colours and all other fields as attributes.
 ///
@@ -197,13 +196,8 @@ impl<'a> Records<'a> {
         };
         let mut cloud = cloud_from_columns([axis("x"), axis("y"), axis("z")], self.points);
         let normals = normal_fields(header);
-        if let Some(fields) = normals {
-            let mut values = vec![Vec3::ZERO; self.points];
-            for (axis, field) in fields.iter().enumerate() {
-                self.column(field, 0, field.scalar).for_each(|i, value| values[i][axis] = value as f32);
-            }
-            cloud.normals = Some(values);
-        }
+        cloud.normals = normals
+            .map(|fields| vectors_from_columns(fields.map(|field| self.column(field, 0, field.scalar)), self.points));
         let color = color_field(header);
         if let Some(field) = color {
             let mut colors = vec![[0; 4]; self.points];
