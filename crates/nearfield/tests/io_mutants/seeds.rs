@@ -8,6 +8,7 @@ use nearfield::{DVec3, PointCloud, TriMesh, Vec3};
 const N: usize = 24;
 
 /// A valid file.
+#[derive(Clone)]
 pub(crate) struct Seed {
     /// Format and variant, as a test name.
     pub(crate) name: &'static str,
@@ -35,6 +36,46 @@ pub(crate) fn all() -> Vec<Seed> {
         seed("laz", Format::Laz, las(true)),
         seed("npy", Format::Npy, npy()),
         seed("npz", Format::Npz, written_cloud("npz", false)),
+    ]
+}
+
+/// Bytes of each dense file: enough for 32 times as many to outweigh 64 MB.
+const DENSE_BYTES: usize = 8 << 20;
+
+/// Files of as many records in a byte as their format can hold, for the memory that each takes.
+pub(crate) fn dense() -> Vec<Seed> {
+    let repeated = |start: String, record: &[u8]| -> Vec<u8> {
+        let body = record.iter().copied().cycle().take(DENSE_BYTES / record.len() * record.len());
+        start.into_bytes().into_iter().chain(body).collect()
+    };
+    let seed = |name, format, bytes| Seed { name, format, bytes };
+    let ply = |encoding: &str, n: usize, kind: &str, face: &str| {
+        format!(
+            "ply\nformat {encoding} 1.0\nelement vertex {n}\nproperty {kind} x\nproperty {kind} y\nproperty {kind} z\n\
+            {face}end_header\n"
+        )
+    };
+    let (n_points, n_lines) = (DENSE_BYTES / 3, DENSE_BYTES / 6);
+    let face = |n: usize, count: &str| format!("element face {n}\nproperty list {count} uchar vertex_indices\n");
+    let no_lists = format!("{}\0\0\0", ply("binary_little_endian", 1, "uchar", &face(DENSE_BYTES, "uchar")));
+    let one_list = ply("binary_little_endian", 1, "uchar", &face(1, "uint"));
+    let mut one_list = [one_list.into_bytes(), vec![0; 3], (DENSE_BYTES as u32).to_le_bytes().into()].concat();
+    one_list.resize(one_list.len() + DENSE_BYTES, 0);
+    let mut stl = vec![0; 80];
+    stl.extend(((DENSE_BYTES / 50) as u32).to_le_bytes());
+    stl.extend((0..DENSE_BYTES / 50 * 50).map(|i| if i % 50 < 48 { (i * 2_654_435_761) as u8 } else { 0 }));
+    vec![
+        seed("dense_ply_ascii", Format::Ply, repeated(ply("ascii", n_lines, "double", ""), b"1 2 3\n")),
+        seed("dense_ply_binary", Format::Ply, repeated(ply("binary_little_endian", n_points, "uchar", ""), b"123")),
+        seed("dense_ply_empty_lists", Format::Ply, repeated(no_lists, b"\0")),
+        seed("dense_ply_one_list", Format::Ply, one_list),
+        seed("dense_obj_vertices", Format::Obj, repeated(String::new(), b"v 1 2 3\n")),
+        seed("dense_obj_face", Format::Obj, repeated("v 1 2 3\nf".into(), b" 1")),
+        seed("dense_obj_normals", Format::Obj, repeated("v 1 2 3\nvn 0 0 1\nf".into(), b" 1//1")),
+        seed("dense_stl_binary", Format::Stl, stl),
+        seed("dense_xyz", Format::Xyz, repeated(String::new(), b"1 2 3\n")),
+        seed("dense_csv_wide", Format::Csv, repeated(String::new(), &[b"1,".repeat(999), b"1\n".to_vec()].concat())),
+        seed("dense_csv_colors", Format::Csv, repeated("x,y,z,r,g,b\n".into(), b"1,2,3,4,5,6\n")),
     ]
 }
 
