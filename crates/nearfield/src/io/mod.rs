@@ -8,6 +8,7 @@
 //! and `stl_io` do not give, and `tobj` drops vertices no face uses. The tests compare with those three.
 
 mod colors;
+mod columns;
 mod format;
 mod guard;
 mod las;
@@ -27,7 +28,7 @@ mod xyz;
 pub use format::{FORMATS, Format, FormatInfo};
 pub use npy::{NpyArray, write_npz};
 pub use open::{parse_cloud, parse_mesh, read_cloud, read_mesh};
-pub use save::{WriteOptions, write_atomically, write_cloud, write_mesh};
+pub use save::{WriteOptions, WriteSeek, write_atomically, write_cloud, write_mesh};
 
 use glam::DVec3;
 

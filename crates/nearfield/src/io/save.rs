@@ -1,7 +1,7 @@
 //! From a cloud or a mesh to a file: whole or not at all.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Cursor, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -19,7 +19,12 @@ pub struct WriteOptions {
     pub ascii: bool,
 }
 
-type Writer<T> = fn(&T, &WriteOptions, &mut dyn Write) -> io::Result<()>;
+/// What a file is written to; some formats go back to fill in a size.
+pub trait WriteSeek: Write + Seek {}
+
+impl<W: Write + Seek> WriteSeek for W {}
+
+type Writer<T> = fn(&T, &WriteOptions, &mut dyn WriteSeek) -> io::Result<()>;
 
 /// Writes a point cloud with its normals, colours and attributes, as far as the format holds them.
 ///
@@ -96,23 +101,27 @@ fn check_lengths(columns: &[(&'static str, usize)], expected: usize) -> Result<(
 /// Writes a file whole or not at all: `write` fills a temporary file in the same folder, which then takes the name.
 ///
 /// A file that exists is replaced only with `force`; a link is followed and what it names replaced. `-` is standard
-/// output, and pipes and devices are written directly: neither can be taken back.
+/// output; it, pipes and devices get everything at the end, which until then is in memory.
 ///
 /// # Errors
 /// `Io` with the path: where the file exists and `force` is not set (`AlreadyExists`), and whatever `write` or the
 /// file system reports. The old file is then untouched and nothing new is left behind.
-pub fn write_atomically(path: &Path, force: bool, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
+pub fn write_atomically(
+    path: &Path,
+    force: bool,
+    write: impl FnOnce(&mut dyn WriteSeek) -> io::Result<()>,
+) -> Result<()> {
     replace(path, force, write).map_err(|source| Error::Io { path: path.to_owned(), source })
 }
 
-fn replace(path: &Path, force: bool, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+fn replace(path: &Path, force: bool, write: impl FnOnce(&mut dyn WriteSeek) -> io::Result<()>) -> io::Result<()> {
     if path == Path::new("-") {
-        return buffered(io::stdout().lock(), write);
+        return all_at_once(io::stdout().lock(), write);
     }
     let old = fs::metadata(path).ok();
     let target = match &old {
         Some(metadata) if !metadata.is_file() && !metadata.is_dir() => {
-            return buffered(OpenOptions::new().write(true).open(path)?, write);
+            return all_at_once(OpenOptions::new().write(true).open(path)?, write);
         }
         Some(_) if !force => {
             let message = "the file exists and may not be replaced (force, `--force`)";
@@ -121,26 +130,30 @@ fn replace(path: &Path, force: bool, write: impl FnOnce(&mut dyn Write) -> io::R
         Some(_) => fs::canonicalize(path)?,
         None => path.to_owned(),
     };
-    let mut temporary = Temporary::beside(&target)?;
-    let file = temporary.file.take().expect("a new temporary file should be open");
-    buffered(&file, write)?;
-    if let Some(metadata) = old {
-        file.set_permissions(metadata.permissions())?;
+    let temporary = Temporary::beside(&target)?;
+    {
+        let mut w = BufWriter::with_capacity(1 << 16, &temporary.file);
+        write(&mut w)?;
+        w.flush()?;
     }
-    drop(file);
+    if let Some(metadata) = old {
+        temporary.file.set_permissions(metadata.permissions())?;
+    }
     fs::rename(&temporary.path, &target)
 }
 
-fn buffered(inner: impl Write, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
-    let mut w = BufWriter::with_capacity(1 << 16, inner);
-    write(&mut w)?;
-    w.flush()
+/// For what cannot seek: pipes and devices.
+fn all_at_once(mut out: impl Write, write: impl FnOnce(&mut dyn WriteSeek) -> io::Result<()>) -> io::Result<()> {
+    let mut spool = Cursor::new(vec![]);
+    write(&mut spool)?;
+    out.write_all(spool.get_ref())?;
+    out.flush()
 }
 
 /// A new file that is removed again unless it was renamed.
 struct Temporary {
     path: PathBuf,
-    file: Option<File>,
+    file: File,
 }
 
 impl Temporary {
@@ -154,7 +167,7 @@ impl Temporary {
         hidden.push(format!(".{}-{}.tmp", std::process::id(), COUNTER.fetch_add(1, Ordering::Relaxed)));
         let path = target.with_file_name(hidden);
         let file = OpenOptions::new().write(true).create_new(true).open(&path)?;
-        Ok(Self { path, file: Some(file) })
+        Ok(Self { path, file })
     }
 }
 
@@ -208,7 +221,7 @@ mod tests {
         let folder = Folder::new("failed");
         let path = folder.0.join("a.txt");
         fs::write(&path, "old").unwrap();
-        let broken = |w: &mut dyn Write| {
+        let broken = |w: &mut dyn WriteSeek| {
             w.write_all(&[7; 100_000])?;
             Err(io::Error::other("the disk broke"))
         };
