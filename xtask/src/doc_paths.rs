@@ -1,5 +1,6 @@
 //! Finds paths that the documents name and the repository does not have.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
@@ -13,14 +14,29 @@ const SOURCE_EXTENSIONS: [&str; 6] = [".md", ".rs", ".wesl", ".toml", ".cff", ".
 
 /// Checks all documents; an error lists each path that is not there.
 pub(crate) fn check(root: &Path) -> Result<(), String> {
+    let mut names = BTreeSet::new();
+    collect_names(root, &mut names);
     let mut missing = vec![];
     for document in DOCUMENTS {
         let text = fs::read_to_string(root.join(document)).map_err(|error| format!("{document}: {error}"))?;
-        let exists = |path: &str| BASES.iter().any(|base| root.join(base).join(path).exists());
+        // A bare file name stands for the file of that name in whichever folder the sentence is about.
+        let exists = |path: &str| names.contains(path) || BASES.iter().any(|base| root.join(base).join(path).exists());
         let absent = missing_paths(&text, exists);
         missing.extend(absent.into_iter().map(|(line, path)| format!("\n  {document}:{line}: {path}")));
     }
     if missing.is_empty() { Ok(()) } else { Err(format!("these paths do not exist:{}", missing.concat())) }
+}
+
+/// Names of all files, but for hidden folders and build output.
+fn collect_names(folder: &Path, names: &mut BTreeSet<String>) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if !entry.path().is_dir() {
+            names.insert(name);
+        } else if name != "target" && !name.starts_with('.') {
+            collect_names(&entry.path(), names);
+        }
+    }
 }
 
 /// Line numbers and paths, of those named in code spans and links outside code blocks, that do not exist.

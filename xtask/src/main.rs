@@ -26,21 +26,18 @@ fn main() -> ExitCode {
     let result = match arguments.split_first() {
         Some((task, rest)) => match task.as_str() {
             "test" => test::run(rest),
-            "check" => check::run(rest),
-            "fuzz" => fuzz::run(rest),
+            "check" => check::run(rest).map(|()| ExitCode::SUCCESS),
+            "fuzz" => fuzz::run(rest).map(|()| ExitCode::SUCCESS),
             "help" | "--help" | "-h" => {
                 println!("{USAGE}");
-                Ok(())
+                Ok(ExitCode::SUCCESS)
             }
             other => Err(format!("there is no task {other:?}\n\n{USAGE}")),
         },
         None => Err(format!("name a task\n\n{USAGE}")),
     };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(message) => {
-            eprintln!("xtask: {message}");
-            ExitCode::FAILURE
-        }
-    }
+    result.unwrap_or_else(|message| {
+        eprintln!("xtask: {message}");
+        ExitCode::FAILURE
+    })
 }

@@ -9,12 +9,19 @@ pub(crate) struct Totals {
     pub(crate) failed: u64,
     /// Marked as ignored, GPU tests without a GPU among them.
     pub(crate) skipped: u64,
-    /// Those of `skipped` whose name, or kind, says that they need a GPU.
-    pub(crate) gpu_skipped: u64,
+    /// Those of `skipped` that need a GPU, by their name, their kind or their own word.
+    pub(crate) gpu_skipped: Vec<String>,
     pub(crate) failures: Vec<String>,
 }
 
 impl Totals {
+    /// Counts a test that passed without a GPU, having said so, as skipped.
+    pub(crate) fn skip_passed(&mut self, name: &str) {
+        self.passed = self.passed.saturating_sub(1);
+        self.skipped += 1;
+        self.gpu_skipped.push(name.to_owned());
+    }
+
     /// Takes in one line of standard output.
     pub(crate) fn read(&mut self, line: &str) {
         if let Some(counts) = line.strip_prefix("test result: ") {
@@ -27,7 +34,7 @@ impl Totals {
             self.skipped += count("ignored").unwrap_or(0);
         } else if let Some((name, outcome)) = line.strip_prefix("test ").and_then(|test| test.rsplit_once(" ... ")) {
             if outcome.starts_with("ignored") && name.to_lowercase().contains("gpu") {
-                self.gpu_skipped += 1;
+                self.gpu_skipped.push(name.trim_end().to_owned());
             } else if outcome == "FAILED" {
                 self.failures.push(name.trim_end().to_owned());
             }
@@ -40,7 +47,7 @@ impl AddAssign for Totals {
         self.passed += other.passed;
         self.failed += other.failed;
         self.skipped += other.skipped;
-        self.gpu_skipped += other.gpu_skipped;
+        self.gpu_skipped.extend(other.gpu_skipped);
         self.failures.extend(other.failures);
     }
 }
@@ -50,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn totals_add_up_over_binaries_and_both_harnesses() {
+    fn totals_add_up_over_binaries_harnesses_and_ways_to_skip() {
         let output = "\
 running 3 tests
 test geometry::a ... ok
@@ -63,7 +70,14 @@ test result: ok. 1 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; fini
 ";
         let mut totals = Totals::default();
         output.lines().for_each(|line| totals.read(line));
-        let failures = vec!["geometry::b".to_owned()];
-        assert_eq!(totals, Totals { passed: 2, failed: 1, skipped: 2, gpu_skipped: 1, failures });
+        totals.skip_passed("gpu::buffer::c");
+        let expected = Totals {
+            passed: 1,
+            failed: 1,
+            skipped: 3,
+            gpu_skipped: vec!["[gpu] grid/uniform".to_owned(), "gpu::buffer::c".to_owned()],
+            failures: vec!["geometry::b".to_owned()],
+        };
+        assert_eq!(totals, expected);
     }
 }
