@@ -70,7 +70,7 @@ pub trait CpuStructure: Sync {
 /// Query points in a searching order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Packed {
-    /// [q] the caller's index of the query at each place.
+    /// `[q]` the caller's index of the query at each place.
     pub order: Vec<u32>,
     /// Ascending offsets into `order`, from 0 to q.
     pub packs: Vec<u32>,

@@ -25,7 +25,7 @@ pub trait GpuStructure: Sync {
         self.len() == 0
     }
 
-    /// [n] the points in the structure's order.
+    /// `[n]` the points in the structure's order.
     fn points(&self) -> &Buffer<DevicePoint>;
 
     /// Module that holds `fn traverse(query: Query, state: ptr<function, State>)`.

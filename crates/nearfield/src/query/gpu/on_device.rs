@@ -16,11 +16,11 @@ const WORKGROUP: u32 = 64;
 /// Neighbours of every query as compressed sparse rows, on the device.
 #[derive(Debug)]
 pub struct GpuNeighbors {
-    /// [q + 1] monotone offsets in query order.
+    /// `[q + 1]` monotone offsets in query order.
     pub offsets: Buffer<u32>,
-    /// [nnz] indices into the points as the caller gave them.
+    /// `[nnz]` indices into the points as the caller gave them.
     pub indices: Buffer<u32>,
-    /// [nnz] squared distances, where asked for or needed for the order.
+    /// `[nnz]` squared distances, where asked for or needed for the order.
     pub dist2: Option<Buffer<f32>>,
     /// What ran.
     pub report: Report,

@@ -121,7 +121,7 @@ pub(super) fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>
     all.extend_from_slice(visitor.features);
     let fills = [
         ("package::structure::selected", Fill::Module(structure.traverse_module())),
-        ("package::query::visitor", visitor.source),
+        ("package::structure::visitor", visitor.source),
     ];
     structure.gpu().pipeline(&Kernel {
         visitor_bindings: visitor.accesses,

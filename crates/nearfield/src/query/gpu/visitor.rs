@@ -13,7 +13,7 @@ use crate::structure::GpuStructure;
 /// The source is a WGSL module with a `State` and three functions:
 ///
 /// ```wgsl
-/// import package::query::question::{Query, Neighbor};
+/// import package::structure::question::{Query, Neighbor};
 ///
 /// @group(1) @binding(0) var<storage, read_write> sums: array<f32>;
 ///

@@ -49,7 +49,7 @@ impl GpuUniformGrid {
 
     /// Sorts points that are on the device already.
     ///
-    /// - `points`: [n] xyz, and the index that answers use as bits of w (usually 0 … n − 1)
+    /// - `points`: `[n]` xyz, and the index that answers use as bits of w (usually 0 … n − 1)
     /// - `bounds`: where they lie; points outside stay exact, only slower to search
     ///
     /// The coordinates are trusted to be finite and within ±1e18.
@@ -71,7 +71,7 @@ impl GpuUniformGrid {
         &self.layout
     }
 
-    /// [table_size + 1] place of the first point of each table entry.
+    /// `[table_size + 1]` place of the first point of each table entry.
     pub fn starts(&self) -> &Buffer<u32> {
         &self.starts
     }
