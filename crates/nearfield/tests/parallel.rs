@@ -390,7 +390,10 @@ fn gpu_bounds_count_points_that_are_not_finite(gpu: &Gpu) {
 
     let found = gpu_bounds(gpu, &[[f32::NAN; 4]; 5]);
     assert_eq!((found.n_non_finite, found.first_non_finite), (5, 0));
-    assert_eq!((found.min[..3].to_vec(), found.max[..3].to_vec()), (vec![f32::INFINITY; 3], vec![f32::NEG_INFINITY; 3]));
+    assert_eq!(
+        (found.min[..3].to_vec(), found.max[..3].to_vec()),
+        (vec![f32::INFINITY; 3], vec![f32::NEG_INFINITY; 3])
+    );
 }
 
 fn gpu_bounds_refuse_points_of_another_size(gpu: &Gpu) {

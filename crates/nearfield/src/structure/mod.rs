@@ -54,7 +54,10 @@ pub trait CpuStructure: Sync {
     fn packs(&self) -> &[u32];
 
     /// An order and packs of other query points, by the same rule.
-    fn pack_queries(&self, queries: &[Vec3]) -> Packed;
+    ///
+    /// # Errors
+    /// `OutOfMemory`.
+    fn pack_queries(&self, queries: &[Vec3]) -> crate::Result<Packed>;
 
     /// Appends spans of the order that together hold every point within `radius` of any point of `region`, each place
     /// at most once.

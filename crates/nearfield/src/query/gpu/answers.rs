@@ -11,11 +11,8 @@ use crate::gpu::{Access, Bind, Buffer, StageTime};
 use crate::query::{Clock, Counts, FixedRadius, Nearest, NeighborSearch, Neighbors, Report, Stage};
 use crate::structure::{GpuBruteForce, GpuStructure, GpuUniformGrid};
 
-pub(super) const COUNT: VisitorCode<'static> = VisitorCode {
-    source: Fill::Module("package::query::count"),
-    features: &[],
-    accesses: &[Access::ReadWrite],
-};
+pub(super) const COUNT: VisitorCode<'static> =
+    VisitorCode { source: Fill::Module("package::query::count"), features: &[], accesses: &[Access::ReadWrite] };
 
 const NEAREST: VisitorCode<'static> = VisitorCode {
     source: Fill::Module("package::query::nearest"),

@@ -142,16 +142,15 @@ pub(super) fn list_on_device<S: GpuStructure>(
     let window = queries.whole();
     let counts = gpu.buffer("neighbour counts", n)?;
     let offsets = gpu.buffer("row offsets", n + 1)?;
-    let sum = gpu.buffer("number of entries", 2)?;
+    let sum: Buffer<u64> = gpu.buffer("number of entries", 1)?;
     let mut commands = gpu.commands("count neighbours");
     commands.stage("count");
     visit::record(&mut commands, structure, question, &queries, window, &COUNT, &[(&counts).into()])?;
     commands.stage("scan");
     GpuScan::new(gpu, n)?.record(&mut commands, &counts, &offsets, n)?;
-    GpuReduce::new(gpu, n)?.record_sum(&mut commands, &counts, &sum, n)?;
+    GpuReduce::new(gpu)?.record_sum(&mut commands, &counts, n, &sum)?;
     add_stages(&mut report, &commands.run()?);
-    let sum = gpu.read(&sum)?;
-    let total = u64::from(sum[0]) | u64::from(sum[1]) << 32;
+    let total = gpu.read(&sum)?[0];
     accept(total)?;
     let available = gpu.limits().binding_bytes;
     if total * 4 > available {

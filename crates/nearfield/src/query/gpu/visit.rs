@@ -16,7 +16,7 @@ const WORKGROUP: u32 = 128;
 /// `Batch` in fixed_radius.wesl, byte for byte.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub struct Batch {
+pub(super) struct Batch {
     /// First query of the window.
     pub first: u32,
     /// Number of queries.
