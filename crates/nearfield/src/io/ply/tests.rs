@@ -180,6 +180,17 @@ fn a_binary_file_cut_short_names_the_byte() {
 }
 
 #[test]
+fn an_error_stays_readable_whatever_the_names_in_the_file() {
+    let long = "x".repeat(100_000);
+    let header = format!("{XYZ}property list uchar int {long}\nelement {long} 7\nproperty int {long}\n");
+    for body in ["0 0 0\n", "0 0 0 1\n", "0 0 0 1 2 3\n", "0 0 0 0\n0 0 0 0\n0 0 0 0\n1\n2 2\n"] {
+        let padded = format!("{body}{}", "\n".repeat(100));
+        let message = message(&small(&header, &padded));
+        assert!(message.len() < 300, "{message}");
+    }
+}
+
+#[test]
 fn records_of_nothing_cost_nothing_whatever_their_count() {
     let text = small(&format!("element empty 18446744073709551615\n{XYZ}"), "0 0 0\n1 0 0\n0 1 0\n");
     assert_eq!(read_cloud(&text).unwrap().len(), 3);
