@@ -70,12 +70,12 @@ mod on_gpu {
 
     use crate::Result;
     use crate::gpu::{Access, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
-    use crate::parallel::tile::{Parameters, RowScan, TILE, WORKGROUP, check_capacity, check_holds, check_len};
+    use crate::parallel::tile::{ParameterCache, RowScan, TILE, WORKGROUP, check_capacity, check_holds, check_len};
 
     /// A plan for exclusive scans of u32 arrays on the device.
     #[derive(Debug)]
     pub struct GpuScan {
-        gpu: Gpu,
+        parameters: ParameterCache,
         capacity: usize,
         reduce_tiles: Arc<Pipeline>,
         scan_tiles: Arc<Pipeline>,
@@ -95,7 +95,7 @@ mod on_gpu {
             let reduce = [Access::Uniform, Access::Read, Access::ReadWrite];
             let scan = [Access::Uniform, Access::Read, Access::ReadWrite, Access::Read];
             Ok(Self {
-                gpu: gpu.clone(),
+                parameters: ParameterCache::new(gpu),
                 capacity,
                 reduce_tiles: gpu.pipeline(&Kernel::new(module, "reduce_tiles", &reduce, WORKGROUP))?,
                 scan_tiles: gpu.pipeline(&Kernel::new(module, "scan_tiles", &scan, WORKGROUP))?,
@@ -126,8 +126,8 @@ mod on_gpu {
             let n_out = output.len().min(len + 1);
             let n_tiles = n_out.div_ceil(TILE);
             let has_prefixes = n_tiles > 1;
-            let parameters: Parameters = [len as u32, n_out as u32, n_tiles as u32, u32::from(has_prefixes)];
-            let parameters = self.gpu.uniform("scan parameters", &parameters)?;
+            let parameters =
+                self.parameters.uniform([len as u32, n_out as u32, n_tiles as u32, u32::from(has_prefixes)])?;
             let workgroups = Workgroups::Count(n_tiles as u32);
             if has_prefixes {
                 let bindings = [(&parameters).into(), input.into(), (&self.tile_sums).into()];

@@ -106,9 +106,15 @@ pub fn counting_sort(keys: &[u32], n_keys: usize) -> Result<(Vec<u32>, Vec<u32>)
     let order = zeroed_words(keys.len());
     // Every chunk counts all keys: chunks much shorter than that would spend their time on counters.
     let chunk = chunk_len(keys.len(), SMALLEST_CHUNK.max(4 * n_keys));
-    let mut offsets = scatter(keys.len(), chunk, n_keys, |i| keys[i] as usize, |i, place| {
-        order[place].store(i as u32, Relaxed);
-    });
+    let mut offsets = scatter(
+        keys.len(),
+        chunk,
+        n_keys,
+        |i| keys[i] as usize,
+        |i, place| {
+            order[place].store(i as u32, Relaxed);
+        },
+    );
     offsets.push(keys.len() as u32);
     Ok((offsets, plain_words(order)))
 }
