@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::chunk_len;
 use crate::{Error, Result};
 
-/// How often each value below `n_bins` occurs [n_bins + 1]; the last entry counts the values that are `n_bins` or
+/// How often each value below `n_bins` occurs `[n_bins + 1]`; the last entry counts the values that are `n_bins` or
 /// larger.
 ///
 /// # Errors
@@ -81,7 +81,7 @@ mod on_gpu {
         }
 
         /// Records how often each value below the number of bins occurs among the first `len` values into `counts`
-        /// [n_bins + 1]; the last entry counts the other values.
+        /// `[n_bins + 1]`; the last entry counts the other values.
         ///
         /// # Errors
         /// `TooMany` beyond 2³¹ values, `LengthMismatch` if a buffer is shorter, `OutOfDeviceMemory`.

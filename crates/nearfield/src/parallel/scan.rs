@@ -10,7 +10,7 @@ use super::chunk_len;
 /// Chunks below this length cost more to hand out than to scan.
 const SMALLEST_CHUNK: usize = 16_384;
 
-/// Sums modulo 2³² of the values before each place [n], and the exact sum of all values.
+/// Sums modulo 2³² of the values before each place `[n]`, and the exact sum of all values.
 ///
 /// The sums are exact where the total is below 2³².
 pub fn exclusive(values: &[u32]) -> (Vec<u32>, u64) {
@@ -29,7 +29,7 @@ pub fn exclusive(values: &[u32]) -> (Vec<u32>, u64) {
     (scanned, total)
 }
 
-/// CSR offsets of rows with these lengths: exact 64-bit sums of the values before each place, and of all [n + 1].
+/// CSR offsets of rows with these lengths: exact 64-bit sums of the values before each place, and of all `[n + 1]`.
 pub fn exclusive_u64(values: &[u32]) -> Vec<u64> {
     let chunk = chunk_len(values.len(), SMALLEST_CHUNK);
     let sums: Vec<u64> = values.par_chunks(chunk).map(|c| c.iter().map(|&v| u64::from(v)).sum()).collect();

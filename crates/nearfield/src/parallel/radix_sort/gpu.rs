@@ -1,6 +1,6 @@
 //! The radix sort on the device: for every digit count, scan, scatter.
 //!
-//! A pass counts the digits of each tile into a table [digits × tiles], scans its rows, and moves every pair to the
+//! A pass counts the digits of each tile into a table `[digits × tiles]`, scans its rows, and moves every pair to the
 //! start of its digit plus the row's prefix of its tile plus its rank within the tile: three dispatches. Pairs go back
 //! and forth between two pairs of buffers.
 
