@@ -74,6 +74,7 @@ impl Column {
     }
 
     /// Value `i` as f64 (exact for every type).
+    #[allow(clippy::useless_conversion, reason = "one expression for all types, f64 among them")]
     pub fn get(&self, i: usize) -> Option<f64> {
         for_column!(self, values => values.get(i).map(|&v| f64::from(v)))
     }
