@@ -66,7 +66,8 @@ pub fn mesh(kind: MeshKind, n: usize, seed: u64) -> TriMesh {
 /// It shrinks with n so that the mean number of neighbours stays:
 /// - uniform: (49/n · 3/4π)^(1/3), 49 neighbours beside the point itself away from the border;
 /// - shell: 0.014 for a million points, 49 neighbours beside the point itself;
-/// - clustered: 0.002 for a million points, several hundred on average, very uneven (715 for seed 7; 580 to 1,000 for most others).
+/// - clustered: 0.002 for a million points, several hundred on average and very uneven: 715 for seed 7, 580 to 1,000
+///   for most others.
 pub fn radius_for(kind: CloudKind, n: usize) -> Option<f32> {
     let n = n.max(1) as f64;
     let radius = match kind {

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-/// SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014).
+/// SplitMix64 (Steele2014).
 pub(super) struct SplitMix64 {
     state: u64,
 }
@@ -47,7 +47,7 @@ impl SplitMix64 {
         ((u128::from(self.next_u64()) * u128::from(count)) >> 64) as u64
     }
 
-    /// Two independent standard normal numbers (Box and Muller 1958).
+    /// Two independent standard normal numbers (BoxMuller1958).
     pub(super) fn normal_pair(&mut self) -> (f64, f64) {
         let radius = (-2.0 * libm::log(1.0 - self.unit())).sqrt();
         let (sin, cos) = libm::sincos(std::f64::consts::TAU * self.unit());
