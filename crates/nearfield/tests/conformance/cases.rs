@@ -1,5 +1,7 @@
 //! The named clouds that every structure on every device must search without a mistake.
 
+use std::path::PathBuf;
+
 use nearfield::Vec3;
 use nearfield::geometry::generate::{self, CloudKind, MeshKind};
 
@@ -50,13 +52,15 @@ impl Case {
 /// A case's name and how to make it.
 pub(crate) struct Named {
     pub(crate) name: &'static str,
+    /// The file of real data it needs.
+    pub(crate) file: Option<&'static str>,
     pub(crate) make: fn() -> Case,
 }
 
 macro_rules! cases {
     ($($name:literal => $make:expr;)*) => {
         /// Every case.
-        pub(crate) const CASES: &[Named] = &[$(Named { name: $name, make: || $make }),*];
+        pub(crate) const CASES: &[Named] = &[$(Named { name: $name, file: None, make: || $make }),*];
     };
 }
 
@@ -113,6 +117,39 @@ cases! {
     "periodic-lattice-shifted-by-whole-periods" => shifted_lattice();
     "periodic-one-cell" => periodic(40, 0.9, [1.0, 1.0, 1.0], 0.0);
     "periodic-empty" => Case::new(vec![], 0.5).periodic(1.0, 1.0, 1.0).queries(vec![Vec3::ONE]).total(0).exact();
+}
+
+/// Real scans and meshes, thinned to what a software device searches in a moment.
+#[cfg(feature = "io")]
+pub(crate) const SCANS: &[Named] = &[
+    Named { name: "scan-terrain", file: Some("terrain-csite1.pcd"), make: || scan("terrain-csite1.pcd", 8.0) },
+    Named { name: "scan-autzen", file: Some("autzen-trim.laz"), make: || scan("autzen-trim.laz", 12.0) },
+    Named { name: "scan-bunny", file: Some("stanford-bunny.obj"), make: || scan("stanford-bunny.obj", 0.003) },
+];
+#[cfg(not(feature = "io"))]
+pub(crate) const SCANS: &[Named] = &[];
+
+/// Every case and scan by number.
+pub(crate) fn all() -> impl Iterator<Item = &'static Named> {
+    CASES.iter().chain(SCANS)
+}
+
+/// The folder of real data: `NEARFIELD_DATA`, or beside the repository.
+pub(crate) fn data_folder() -> PathBuf {
+    let beside = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    std::env::var_os("NEARFIELD_DATA").map_or_else(beside, PathBuf::from)
+}
+
+/// At most this many points of a scan.
+#[cfg(feature = "io")]
+const SCAN_POINTS: usize = 6000;
+
+#[cfg(feature = "io")]
+fn scan(file: &str, radius: f32) -> Case {
+    let path = data_folder().join(file);
+    let cloud = nearfield::io::read_cloud(&path, None).expect("real data should be readable");
+    let step = cloud.len().div_ceil(SCAN_POINTS);
+    Case::new(cloud.points.into_iter().step_by(step).collect(), radius)
 }
 
 /// Queries: some of the points, points beside them, and points far from everything.

@@ -1,7 +1,7 @@
 //! Compares an answer with the truth. The CPU must agree in every bit; a device may differ where the distance is
 //! within 4 ulp of the radius, and nowhere else. `planted.rs` feeds each comparison differences that it must find.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 use nearfield::query::{CutRow, Neighbor};
 use nearfield::{FixedRadius, RowOrder};
@@ -69,15 +69,15 @@ pub(crate) fn list(problem: &Problem<'_>, question: &FixedRadius<'_>, list: &Lis
     for row in &problem.truth {
         let range = list.offsets[row.query as usize] as usize..list.offsets[row.query as usize + 1] as usize;
         let found = &list.indices[range.clone()];
-        check_indices(problem, row.query, question, found)?;
+        let sorted = check_indices(problem, row.query, question, found)?;
         check_order(problem, row.query, question, found, rule)?;
         if let Some(distances) = list.distances {
             check_distances(problem, row.query, found, &distances[range], question.order, rule)?;
         }
         let cut = missing.get(&row.query).copied().unwrap_or(0);
         match rule {
-            Rule::Exact => check_row_exactly(problem, row, question, found, cut)?,
-            Rule::Device => check_row_on_device(problem, row, question, found, cut)?,
+            Rule::Exact => check_row_exactly(problem, row, question, &sorted, cut)?,
+            Rule::Device => check_row_on_device(problem, row, question, &sorted, cut)?,
         }
     }
     Ok(())
@@ -106,14 +106,23 @@ fn check_shape(problem: &Problem<'_>, question: &FixedRadius<'_>, list: &List<'_
     Ok(())
 }
 
-fn check_indices(problem: &Problem<'_>, query: u32, question: &FixedRadius<'_>, found: &[u32]) -> Verdict {
-    let mut seen = HashSet::new();
-    for &i in found {
-        ensure!((i as usize) < problem.points.len(), "query {query}: index {i} of {} points", problem.points.len());
-        ensure!(seen.insert(i), "query {query}: point {i} stands twice");
-        ensure!(!(question.exclude_self && i == query), "query {query}: the query itself is in its row");
+/// The row in ascending order, after each entry was found to be possible.
+fn check_indices(
+    problem: &Problem<'_>,
+    query: u32,
+    question: &FixedRadius<'_>,
+    found: &[u32],
+) -> Result<Vec<u32>, String> {
+    let mut sorted = found.to_vec();
+    sorted.sort_unstable();
+    if let Some(&last) = sorted.last() {
+        ensure!((last as usize) < problem.points.len(), "query {query}: index {last} of {}", problem.points.len());
     }
-    Ok(())
+    let twice = sorted.windows(2).find(|pair| pair[0] == pair[1]);
+    ensure!(twice.is_none(), "query {query}: {twice:?} stands twice");
+    let own = question.exclude_self && sorted.binary_search(&query).is_ok();
+    ensure!(!own, "query {query}: the query itself is in its row");
+    Ok(sorted)
 }
 
 fn check_order(problem: &Problem<'_>, query: u32, question: &FixedRadius<'_>, found: &[u32], rule: Rule) -> Verdict {
@@ -162,14 +171,17 @@ fn check_row_exactly(problem: &Problem<'_>, row: &Row, question: &FixedRadius<'_
         expected.sort_by(nearer);
         expected.truncate(cap as usize);
     }
-    let expected: HashSet<u32> = expected.into_iter().map(|hit| hit.0).collect();
-    let found: HashSet<u32> = found.iter().copied().collect();
+    let mut expected: Vec<u32> = expected.into_iter().map(|hit| hit.0).collect();
+    expected.sort_unstable();
     let query = row.query;
-    if let Some(&i) = expected.difference(&found).min() {
-        return Err(format!("query {query}: point {i} at {:e} is missing", problem.distance(query, i)));
-    }
-    if let Some(&i) = found.difference(&expected).min() {
-        return Err(format!("query {query}: point {i} at {:e} should not be there", problem.distance(query, i)));
+    if expected != found {
+        if let Some(&i) = expected.iter().find(|i| found.binary_search(i).is_err()) {
+            return Err(format!("query {query}: point {i} at {:e} is missing", problem.distance(query, i)));
+        }
+        if let Some(&i) = found.iter().find(|i| expected.binary_search(i).is_err()) {
+            return Err(format!("query {query}: point {i} at {:e} should not be there", problem.distance(query, i)));
+        }
+        return Err(format!("query {query}: {} entries, expected {}", found.len(), expected.len()));
     }
     let lost = total - found.len();
     ensure!(cut as usize == lost, "query {query}: {cut} neighbours reported as cut, {lost} are");
@@ -185,13 +197,11 @@ fn check_row_on_device(
 ) -> Verdict {
     let query = row.query;
     let truth = problem.row(row, question.exclude_self);
-    let inside: HashSet<u32> = truth.iter().map(|hit| hit.0).collect();
     for &i in found {
-        let known = inside.contains(&i) || problem.is_marginal(query, i);
+        let known = truth.binary_search_by_key(&i, |hit| hit.0).is_ok() || problem.is_marginal(query, i);
         ensure!(known, "query {query}: point {i} at {:e} should not be there", problem.distance(query, i));
     }
-    let found_set: HashSet<u32> = found.iter().copied().collect();
-    let absent = truth.iter().map(|hit| hit.0).filter(|i| !found_set.contains(i));
+    let absent = truth.iter().map(|hit| hit.0).filter(|i| found.binary_search(i).is_err());
     let farthest = found.iter().map(|&i| problem.distance(query, i)).fold(0.0, f64::max);
     let full = question.max_neighbors.is_some_and(|cap| found.len() == cap as usize);
     for i in absent {
@@ -199,7 +209,8 @@ fn check_row_on_device(
         let may_miss = problem.is_marginal(query, i)
             || (full && (found.is_empty() || distance + near_enough(problem, query, i, distance) >= farthest));
         ensure!(may_miss, "query {query}: point {i} at {distance:e} is missing");
-        let beaten = found.iter().find(|&&kept| full && kept > i && certain_tie(problem, query, i, kept));
+        let mut higher = found[found.partition_point(|&kept| kept < i)..].iter();
+        let beaten = higher.find(|&&kept| full && certain_tie(problem, query, i, kept));
         ensure!(beaten.is_none(), "query {query}: {beaten:?} is kept and {i}, as near, is cut");
     }
     check_total(problem, row, question, found.len() as u64 + u64::from(cut), Rule::Device)

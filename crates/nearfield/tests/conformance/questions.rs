@@ -8,7 +8,7 @@ use nearfield::{FixedRadius, Neighbor, RowOrder, Vec3};
 use crate::cases::Case;
 use crate::compare::{self, List, Rule, Verdict};
 use crate::reference::{Hit, Problem};
-use crate::subjects::{Built, Subject};
+use crate::subjects::{Asked, Built, Subject};
 
 /// Who asks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -211,20 +211,22 @@ fn put(subject: &Subject, built: &dyn Built, ask: &Question, problem: &Problem<'
         Verb::Count => {
             let counts = built.count(&question).map_err(in_words)?;
             compare::counts(problem, &question, counts.as_slice(), rule)?;
-            subject.check_report(&counts.report)
+            subject.check_report(&counts.report, Asked::Count)
         }
         Verb::List => {
             let list = built.list(&question).map_err(in_words)?;
             let slices =
                 List { offsets: list.offsets(), indices: list.indices(), distances: list.distances(), cut: list.cut() };
             compare::list(problem, &question, &slices, rule)?;
-            subject.check_report(&list.report)
+            let sorted = question.order != RowOrder::Unspecified;
+            let asked = if ask.cap.is_some() { Asked::CappedList } else { Asked::List { sorted } };
+            subject.check_report(&list.report, asked)
         }
         Verb::Nearest => {
             let nearest = built.nearest(&question).map_err(in_words)?;
             let found: Vec<Option<Neighbor>> = (0..nearest.len()).map(|i| nearest.get(i)).collect();
             compare::nearest(problem, &question, &found, rule)?;
-            subject.check_report(&nearest.report)
+            subject.check_report(&nearest.report, Asked::Nearest)
         }
         Verb::Visit => match visited(built, &question, problem.queries.len(), usize::MAX) {
             Some(rows) => compare::visits(problem, &question, &rows.map_err(in_words)?),
