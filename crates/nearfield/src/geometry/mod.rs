@@ -2,6 +2,7 @@
 
 mod aabb;
 pub mod distance;
+pub mod generate;
 mod ordered_points;
 mod point_cloud;
 mod ray;

@@ -61,7 +61,7 @@ impl OrderedPoints {
         self.ids[i]
     }
 
-    /// [len] the caller's indices in this order.
+    /// `[len]` the caller's indices in this order.
     pub fn ids(&self) -> &[u32] {
         &self.ids[..self.len]
     }

@@ -13,11 +13,11 @@ use crate::{Error, Result};
 pub struct PointCloud {
     /// What is added to every point to get world coordinates.
     pub origin: DVec3,
-    /// [n] positions relative to `origin`.
+    /// `[n]` positions relative to `origin`.
     pub points: Vec<Vec3>,
-    /// [n] normals, not necessarily of unit length.
+    /// `[n]` normals, not necessarily of unit length.
     pub normals: Option<Vec<Vec3>>,
-    /// [n] colours: red, green, blue, alpha.
+    /// `[n]` colours: red, green, blue, alpha.
     pub colors: Option<Vec<[u8; 4]>>,
     /// Named columns of n values each.
     pub attributes: Vec<Attribute>,
@@ -74,6 +74,7 @@ impl Column {
     }
 
     /// Value `i` as f64 (exact for every type).
+    #[allow(clippy::useless_conversion, reason = "one expression for all types, f64 among them")]
     pub fn get(&self, i: usize) -> Option<f64> {
         for_column!(self, values => values.get(i).map(|&v| f64::from(v)))
     }

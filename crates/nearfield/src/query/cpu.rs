@@ -8,9 +8,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::rows::{self, TaskRows};
-use super::{
-    Clock, Counts, FixedRadius, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Report, RowOrder, Stage,
-};
+use super::{Counts, FixedRadius, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Report, RowOrder, Stage};
 use crate::geometry::row_simd::{self, Ball, Hits, Simd};
 use crate::geometry::{Aabb, OrderedPoints};
 use crate::structure::CpuStructure;
@@ -34,19 +32,19 @@ pub(super) struct Query<'a> {
     pub(super) spans: &'a [Range<usize>],
 }
 
-fn ordered<'a, S: CpuStructure>(structure: &'a S, question: &FixedRadius<'_>) -> OrderedQueries<'a> {
-    match question.queries {
+fn ordered<'a, S: CpuStructure>(structure: &'a S, question: &FixedRadius<'_>) -> Result<OrderedQueries<'a>> {
+    Ok(match question.queries {
         Queries::Points => {
             OrderedQueries { points: Cow::Borrowed(structure.points()), packs: Cow::Borrowed(structure.packs()) }
         }
         Queries::Other(queries) => {
-            let packed = structure.pack_queries(queries);
+            let packed = structure.pack_queries(queries)?;
             OrderedQueries {
                 points: Cow::Owned(OrderedPoints::gather(queries, &packed.order)),
                 packs: Cow::Owned(packed.packs),
             }
         }
-    }
+    })
 }
 
 /// Runs `visit` on every query, tasks of packs in parallel; returns what each task made, in searching order.
@@ -56,15 +54,15 @@ pub(super) fn for_each_query<S, T>(
     question: &FixedRadius<'_>,
     start_task: impl Fn(usize) -> T + Sync,
     visit: impl Fn(&mut T, &Query<'_>) -> bool + Sync,
-) -> Vec<T>
+) -> Result<Vec<T>>
 where
     S: CpuStructure,
     T: Send,
 {
-    let queries = ordered(structure, question);
+    let queries = ordered(structure, question)?;
     let (points, packs) = (&*queries.points, &*queries.packs);
     let stopped = AtomicBool::new(false);
-    tasks(packs)
+    let made = tasks(packs)
         .into_par_iter()
         .map(|task| {
             let n = packs[task.end] - packs[task.start];
@@ -81,7 +79,8 @@ where
             }
             made
         })
-        .collect()
+        .collect();
+    Ok(made)
 }
 
 /// Cuts packs into tasks of about [`TASK_QUERIES`] queries; ranges of pack numbers.
@@ -158,9 +157,7 @@ impl<S: CpuStructure> NeighborSearch for S {
     }
 
     fn build_stages(&self) -> Vec<Stage> {
-        let host =
-            |s: &crate::structure::BuildStage| Stage { name: s.name, milliseconds: s.milliseconds, clock: Clock::Host };
-        CpuStructure::build_stages(self).iter().map(host).collect()
+        CpuStructure::build_stages(self).iter().map(Stage::from).collect()
     }
 
     fn count(&self, question: &FixedRadius<'_>) -> Result<Counts> {
@@ -171,7 +168,7 @@ impl<S: CpuStructure> NeighborSearch for S {
             let count = row_simd::count(simd, points, query.spans, &query.ball);
             counts.push((query.id, count - u32::from(question.exclude_self)));
             true
-        });
+        })?;
         let mut counts = vec![0; question.len(points.len())];
         for (id, count) in made.into_iter().flatten() {
             counts[id as usize] = count;
@@ -187,8 +184,8 @@ impl<S: CpuStructure> NeighborSearch for S {
         let n_queries = question.len(self.points().len());
         let plain = !question.distances && question.max_neighbors.is_none() && question.order != RowOrder::Distance;
         let made = match plain {
-            true => find_rows::<S, false>(self, question),
-            false => find_rows::<S, true>(self, question),
+            true => find_rows::<S, false>(self, question)?,
+            false => find_rows::<S, true>(self, question)?,
         };
         let Some(made) = made else {
             return Err(too_large(self, question)?);
@@ -220,7 +217,7 @@ impl<S: CpuStructure> NeighborSearch for S {
                 found.push((query.id, nearest));
                 true
             },
-        );
+        )?;
         let n_queries = question.len(points.len());
         let (mut indices, mut dist2) = (vec![Nearest::NONE; n_queries], vec![f32::INFINITY; n_queries]);
         for (id, nearest) in made.into_iter().flat_map(|(found, _)| found) {
@@ -236,7 +233,10 @@ impl<S: CpuStructure> NeighborSearch for S {
 }
 
 /// All rows, task by task; `None` where they pass the memory that the answer may take.
-fn find_rows<S: CpuStructure, const DIST2: bool>(structure: &S, question: &FixedRadius<'_>) -> Option<Vec<TaskRows>> {
+fn find_rows<S: CpuStructure, const DIST2: bool>(
+    structure: &S,
+    question: &FixedRadius<'_>,
+) -> Result<Option<Vec<TaskRows>>> {
     let (simd, points) = (Simd::best(), structure.points());
     let limit = rows::entry_limit(question, points.len());
     let entries = AtomicU64::new(0);
@@ -251,8 +251,9 @@ fn find_rows<S: CpuStructure, const DIST2: bool>(structure: &S, question: &Fixed
             fits.store(false, Ordering::Relaxed);
         }
         fine
-    });
-    (fits.into_inner() && made.iter().map(|m| m.hits.ids.len() as u64).sum::<u64>() <= limit).then_some(made)
+    })?;
+    let total: u64 = made.iter().map(|m| m.hits.ids.len() as u64).sum();
+    Ok((fits.into_inner() && total <= limit).then_some(made))
 }
 
 /// The error for a list that does not fit, with the size it would have.
@@ -291,7 +292,7 @@ pub trait ForEachNeighbor: CpuStructure {
                 visit_row(self.points(), query.spans, &query.ball, own, hits, |neighbor| visit(query.id, neighbor));
                 true
             },
-        );
+        )?;
         Ok(())
     }
 

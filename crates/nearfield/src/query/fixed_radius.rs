@@ -51,7 +51,7 @@ pub enum Queries<'a> {
 pub enum Radius<'a> {
     /// The same for every query.
     One(f32),
-    /// [q] radii in the order of the queries.
+    /// `[q]` radii in the order of the queries.
     Each(&'a [f32]),
 }
 

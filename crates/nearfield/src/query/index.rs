@@ -150,7 +150,10 @@ impl Index {
 fn is_device_fault(error: &Error) -> bool {
     matches!(
         error,
-        Error::OutOfDeviceMemory { .. } | Error::DeviceLost { .. } | Error::Device { .. } | Error::KernelRejected { .. }
+        Error::OutOfDeviceMemory { .. }
+            | Error::DeviceLost { .. }
+            | Error::Device { .. }
+            | Error::KernelRejected { .. }
     )
 }
 

@@ -5,6 +5,10 @@
 
 mod cpu;
 mod fixed_radius;
+#[cfg(feature = "gpu")]
+mod gpu;
+#[cfg(feature = "gpu")]
+mod index;
 mod neighbors;
 mod report;
 mod rows;
@@ -12,6 +16,10 @@ mod search;
 
 pub use cpu::ForEachNeighbor;
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
+#[cfg(feature = "gpu")]
+pub use gpu::{ForEachOnDevice, GpuNeighbors, SearchOnDevice, Visitor};
+#[cfg(feature = "gpu")]
+pub use index::{Index, IndexSettings, StructureChoice};
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
 pub use report::{Clock, Report, Stage};
 pub use search::NeighborSearch;

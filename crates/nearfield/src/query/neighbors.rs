@@ -79,17 +79,17 @@ impl Neighbors {
         self.len() == 0
     }
 
-    /// [q + 1] monotone: row i is `indices[offsets[i]..offsets[i + 1]]`.
+    /// `[q + 1]` monotone: row i is `indices[offsets[i]..offsets[i + 1]]`.
     pub fn offsets(&self) -> &[u64] {
         &self.offsets
     }
 
-    /// [nnz] indices into the points as the caller gave them.
+    /// `[nnz]` indices into the points as the caller gave them.
     pub fn indices(&self) -> &[u32] {
         &self.indices
     }
 
-    /// [nnz] distances (not squared), where asked for.
+    /// `[nnz]` distances (not squared), where asked for.
     pub fn distances(&self) -> Option<&[f32]> {
         self.distances.as_deref()
     }
@@ -139,7 +139,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// [q] counts in query order.
+    /// `[q]` counts in query order.
     pub fn as_slice(&self) -> &[u32] {
         &self.counts
     }
@@ -187,12 +187,12 @@ impl Nearest {
         (index != Self::NONE).then(|| Neighbor { index, dist2: self.dist2[i] })
     }
 
-    /// [q] indices, [`Nearest::NONE`] where the ball is empty.
+    /// `[q]` indices, [`Nearest::NONE`] where the ball is empty.
     pub fn indices(&self) -> &[u32] {
         &self.indices
     }
 
-    /// [q] squared distances, infinite where the ball is empty.
+    /// `[q]` squared distances, infinite where the ball is empty.
     pub fn dist2(&self) -> &[f32] {
         &self.dist2
     }

@@ -41,18 +41,18 @@ pub enum Clock {
     Device,
 }
 
+impl From<&crate::structure::BuildStage> for Stage {
+    fn from(stage: &crate::structure::BuildStage) -> Self {
+        let clock = if stage.on_device { Clock::Device } else { Clock::Host };
+        Self { name: stage.name, milliseconds: stage.milliseconds, clock }
+    }
+}
+
 impl Report {
     /// Adds the time since `start` as a host stage.
     pub(crate) fn host_stage(&mut self, name: &'static str, start: Instant) {
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         self.stages.push(Stage { name, milliseconds, clock: Clock::Host });
-    }
-
-    /// Notes a kernel once.
-    pub(crate) fn kernel(&mut self, name: &str) {
-        if !self.kernels.iter().any(|k| k == name) {
-            self.kernels.push(name.to_owned());
-        }
     }
 
     /// Sum of the stages of that name on one clock, in milliseconds.

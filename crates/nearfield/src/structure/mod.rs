@@ -10,9 +10,19 @@ use glam::Vec3;
 use crate::geometry::{Aabb, OrderedPoints, Period};
 
 pub mod brute_force;
+#[cfg(feature = "gpu")]
+mod on_gpu;
 pub mod uniform_grid;
 
 pub use brute_force::BruteForce;
+#[cfg(feature = "gpu")]
+pub use brute_force::GpuBruteForce;
+#[cfg(feature = "gpu")]
+pub(crate) use on_gpu::device_points;
+#[cfg(feature = "gpu")]
+pub use on_gpu::{DevicePoint, GpuStructure};
+#[cfg(feature = "gpu")]
+pub use uniform_grid::{GpuUniformGrid, GridBuilder};
 pub use uniform_grid::{GridSettings, UniformGrid};
 
 /// Time of a stage of a build, in milliseconds of the host's clock.
@@ -44,7 +54,10 @@ pub trait CpuStructure: Sync {
     fn packs(&self) -> &[u32];
 
     /// An order and packs of other query points, by the same rule.
-    fn pack_queries(&self, queries: &[Vec3]) -> Packed;
+    ///
+    /// # Errors
+    /// `OutOfMemory`.
+    fn pack_queries(&self, queries: &[Vec3]) -> crate::Result<Packed>;
 
     /// Appends spans of the order that together hold every point within `radius` of any point of `region`, each place
     /// at most once.
@@ -60,7 +73,7 @@ pub trait CpuStructure: Sync {
 /// Query points in a searching order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Packed {
-    /// [q] the caller's index of the query at each place.
+    /// `[q]` the caller's index of the query at each place.
     pub order: Vec<u32>,
     /// Ascending offsets into `order`, from 0 to q.
     pub packs: Vec<u32>,

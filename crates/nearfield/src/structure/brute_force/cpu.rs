@@ -63,8 +63,8 @@ impl CpuStructure for BruteForce {
         &self.packs
     }
 
-    fn pack_queries(&self, queries: &[Vec3]) -> Packed {
-        Packed { order: (0..queries.len() as u32).collect(), packs: runs(queries.len()) }
+    fn pack_queries(&self, queries: &[Vec3]) -> Result<Packed> {
+        Ok(Packed { order: (0..queries.len() as u32).collect(), packs: runs(queries.len()) })
     }
 
     fn spans_near(&self, _: &Aabb, _: f32, spans: &mut Vec<Range<usize>>) {

@@ -6,8 +6,12 @@
 //! Invariants: 1. the order is the caller's order; 2. packs are runs of at most [`PACK`] points.
 
 mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
 
 pub use cpu::BruteForce;
+#[cfg(feature = "gpu")]
+pub use gpu::{BruteForceLayout, GpuBruteForce};
 
 /// Points of a pack: queries that share one set of spans. Here the span is always everything.
 const PACK: usize = 64;

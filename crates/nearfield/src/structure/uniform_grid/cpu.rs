@@ -44,7 +44,7 @@ impl UniformGrid {
         let bounds = settings.bounds.unwrap_or_else(|| reduce::bounds(points));
         let layout = GridLayout::new(points.len() as u32, &bounds, settings);
         stage("bounds");
-        let (keys, order) = sorted_entries(&layout, points);
+        let (keys, order) = sorted_entries(&layout, points)?;
         stage("sort");
         let points = OrderedPoints::gather(points, &order);
         stage("gather");
@@ -66,12 +66,12 @@ impl UniformGrid {
 }
 
 /// Table entries of the points in ascending order, and the points' indices in that order, ties by index.
-fn sorted_entries(layout: &GridLayout, points: &[Vec3]) -> (Vec<u32>, Vec<u32>) {
+fn sorted_entries(layout: &GridLayout, points: &[Vec3]) -> Result<(Vec<u32>, Vec<u32>)> {
     let mut keys: Vec<u32> =
         points.par_iter().with_min_len(1 << 12).map(|&p| layout.entry_of(layout.cell_of(p))).collect();
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    radix_sort::sort_pairs(&mut keys, &mut order, layout.key_bits());
-    (keys, order)
+    radix_sort::sort_pairs(&mut keys, &mut order, 0..layout.key_bits())?;
+    Ok((keys, order))
 }
 
 /// For each table entry the place of its first point, and the number of points at the end.
@@ -132,10 +132,10 @@ impl CpuStructure for UniformGrid {
         &self.packs
     }
 
-    fn pack_queries(&self, queries: &[Vec3]) -> Packed {
-        let (_, order) = sorted_entries(&self.layout, queries);
+    fn pack_queries(&self, queries: &[Vec3]) -> Result<Packed> {
+        let (_, order) = sorted_entries(&self.layout, queries)?;
         let packs = packs(&self.layout, order.len(), |i| queries[order[i] as usize]);
-        Packed { order, packs }
+        Ok(Packed { order, packs })
     }
 
     fn spans_near(&self, region: &Aabb, radius: f32, spans: &mut Vec<Range<usize>>) {

@@ -20,10 +20,14 @@
 //! 3. packs are ascending from 0 to n, and each holds points of one row.
 
 mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod layout;
 mod settings;
 mod validate;
 
 pub use cpu::UniformGrid;
+#[cfg(feature = "gpu")]
+pub use gpu::{GpuUniformGrid, GridBuilder};
 pub use layout::GridLayout;
 pub use settings::GridSettings;

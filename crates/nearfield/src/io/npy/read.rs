@@ -1,0 +1,143 @@
+//! NPY and NPZ bytes to a cloud.
+
+use glam::Vec3;
+
+use super::archive::{self, Entry};
+use super::array::{Array, Layout};
+use super::{NPY, NPZ};
+use crate::Result;
+use crate::error::{FileError, Place};
+use crate::geometry::{Attribute, Column, PointCloud};
+use crate::io::columns::{cloud_from_columns, vectors_from_columns};
+
+/// Bytes that hold every header that is parsed.
+const HEADER_ROOM: usize = 10_012;
+
+/// The cloud in an NPY array or an NPZ archive, told apart by their first bytes.
+///
+/// # Errors
+/// `File` with the byte or the array, what was found and what was expected.
+pub(crate) fn read(bytes: &[u8]) -> Result<PointCloud> {
+    if bytes.starts_with(b"PK") { read_npz(bytes) } else { read_npy(bytes) }
+}
+
+fn read_npy(bytes: &[u8]) -> Result<PointCloud> {
+    let layout = Layout::read(bytes, 0)?;
+    check_cloud_shape(NPY, Place::Whole, "an array", &layout)?;
+    Ok(cloud(&layout.array(bytes, 0)?))
+}
+
+fn check_cloud_shape(format: &'static str, place: Place, what: &str, layout: &Layout) -> Result<()> {
+    if layout.is_cloud() {
+        return Ok(());
+    }
+    let found = format!("{what} of shape {} and type {}", layout.shape_text(), layout.dtype);
+    let turned = if matches!(layout.shape[..], [3, _]) { " (transpose it)" } else { "" };
+    let expected = format!("shape (n, 3) or more columns, of floats or integers{turned}");
+    Err(FileError::new(format, place, found, expected).into())
+}
+
+/// The first three columns as positions, the others as attributes.
+fn cloud(array: &Array<'_>) -> PointCloud {
+    let mut cloud = cloud_from_columns([0, 1, 2].map(|axis| array.column(axis)), array.rows());
+    let attribute = |k: usize| Attribute { name: format!("column_{k}"), values: array.column(k).column() };
+    cloud.attributes = (3..array.columns()).map(attribute).collect();
+    cloud
+}
+
+/// An array of an archive.
+struct Member<'a> {
+    entry: Entry<'a>,
+    layout: Layout,
+}
+
+impl Member<'_> {
+    /// Whether the content can be had for about the memory that the file takes.
+    fn check_size(&self) -> Result<()> {
+        if self.layout.total_size() != Some(self.entry.size) {
+            let found = format!("array {:?} of {} bytes", self.entry.name, self.entry.size);
+            let expected = format!("shape {} of type {}", self.layout.shape_text(), self.layout.dtype);
+            return Err(FileError::new(NPZ, Place::Byte(self.entry.start), found, expected).into());
+        }
+        Ok(())
+    }
+
+    /// Calls `decode` with the array.
+    fn with_array<T>(&self, decode: impl FnOnce(&Array<'_>) -> T) -> Result<T> {
+        let content = self.entry.content()?;
+        Ok(decode(&self.layout.array(&content, self.entry.start)?))
+    }
+}
+
+fn read_npz(bytes: &[u8]) -> Result<PointCloud> {
+    let entries = archive::entries(bytes)?;
+    let mut members = vec![];
+    for entry in entries {
+        let layout = Layout::read(&entry.head(HEADER_ROOM)?, entry.start)?;
+        members.push(Member { entry, layout });
+    }
+    let points = points_member(&members)?;
+    let n = members[points].layout.shape[0] as usize;
+    let used = |i: usize, member: &Member<'_>| match member.entry.name.as_str() {
+        _ if i == points => true,
+        "normals" => member.layout.is_table(n, &[3], false),
+        "colors" => member.layout.is_table(n, &[3, 4], true),
+        _ => member.layout.is_list(n),
+    };
+    let used: Vec<usize> = (0..members.len()).filter(|&i| used(i, &members[i])).collect();
+    let mut inflated = 0_u64;
+    for &i in &used {
+        members[i].check_size()?;
+        inflated = inflated.saturating_add(members[i].entry.size);
+    }
+    // Where the arrays are far larger than the file, they are first inflated into nothing: only an archive that really
+    // holds them may ask for the memory.
+    if inflated > bytes.len() as u64 * 3 / 2 + (4 << 20) {
+        used.iter().try_for_each(|&i| members[i].entry.check())?;
+    }
+    let mut result = members[points].with_array(cloud)?;
+    for &i in used.iter().filter(|&&i| i != points) {
+        let member = &members[i];
+        match member.entry.name.as_str() {
+            "normals" => result.normals = Some(member.with_array(vectors)?),
+            "colors" => result.colors = Some(member.with_array(colors)?),
+            name => {
+                let values = member.with_array(|array| array.column(0).column())?;
+                result.attributes.push(Attribute { name: name.to_owned(), values });
+            }
+        }
+    }
+    Ok(result)
+}
+
+/// Which array holds the positions.
+fn points_member(members: &[Member<'_>]) -> Result<usize> {
+    if let Some(i) = members.iter().position(|member| member.entry.name == "points") {
+        let place = Place::Byte(members[i].entry.start);
+        check_cloud_shape(NPZ, place, "array \"points\"", &members[i].layout)?;
+        return Ok(i);
+    }
+    let clouds: Vec<usize> = (0..members.len()).filter(|&i| members[i].layout.is_cloud()).collect();
+    if let [only] = clouds[..] {
+        return Ok(only);
+    }
+    let describe = |member: &Member<'_>| format!("{:?} {}", member.entry.name, member.layout.shape_text());
+    let listed: Vec<String> = members.iter().take(8).map(describe).collect();
+    let found = format!("{} arrays [{}]", members.len(), listed.join(", "));
+    let expected = "an array \"points\" of shape (n, 3), or exactly one of such a shape";
+    Err(FileError::new(NPZ, Place::Whole, found, expected).into())
+}
+
+fn vectors(array: &Array<'_>) -> Vec<Vec3> {
+    vectors_from_columns([0, 1, 2].map(|axis| array.column(axis)), array.rows())
+}
+
+fn colors(array: &Array<'_>) -> Vec<[u8; 4]> {
+    let mut colors = vec![[255; 4]; array.rows()];
+    for channel in 0..array.columns().min(4) {
+        if let Column::U8(values) = array.column(channel).column() {
+            colors.iter_mut().zip(values).for_each(|(color, value)| color[channel] = value);
+        }
+    }
+    colors
+}

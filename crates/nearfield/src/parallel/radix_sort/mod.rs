@@ -1,0 +1,61 @@
+//! Stable sorting of (u32 key, u32 value) pairs by a range of key bits: counting sorts of one digit after another, the
+//! lowest first (least significant digit radix sort).
+//!
+//! Only the bits asked for cost time: sort by as few as tell the keys apart. On the CPU a digit has up to 11 bits, on
+//! the GPU 8 where subgroups can vote and 4 elsewhere; digits share the bits evenly.
+
+mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
+
+pub use cpu::{counting_sort, sort_pairs};
+#[cfg(feature = "gpu")]
+pub use gpu::{GpuRadixSort, RankMethod};
+
+use std::ops::Range;
+
+use crate::{Error, Result};
+
+/// Cuts a range of bits into digits of at most `widest` bits, the widths as even as possible: shift and width of each.
+fn digits(bits: &Range<u32>, widest: u32) -> Vec<(u32, u32)> {
+    let n_bits = bits.end.saturating_sub(bits.start);
+    let n_digits = n_bits.div_ceil(widest);
+    let mut shift = bits.start;
+    (0..n_digits)
+        .map(|digit| {
+            let width = n_bits / n_digits + u32::from(digit < n_bits % n_digits);
+            shift += width;
+            (shift - width, width)
+        })
+        .collect()
+}
+
+fn check_bits(bits: &Range<u32>) -> Result<()> {
+    if bits.start <= bits.end && bits.end <= u32::BITS {
+        return Ok(());
+    }
+    let (setting, expected) = ("bits", "a range within 0..32");
+    Err(Error::InvalidSetting { setting, found: format!("{bits:?}"), expected })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_tile_the_bits_evenly() {
+        assert_eq!(digits(&(0..22), 8), [(0, 8), (8, 7), (15, 7)]);
+        assert_eq!(digits(&(0..22), 11), [(0, 11), (11, 11)]);
+        assert_eq!(digits(&(5..6), 8), [(5, 1)]);
+        assert!(digits(&(7..7), 8).is_empty());
+    }
+
+    #[test]
+    fn bits_outside_a_key_are_refused() {
+        assert!(check_bits(&(0..33)).is_err());
+        #[allow(clippy::reversed_empty_ranges, reason = "it must be refused")]
+        let reversed = 5..4;
+        assert!(check_bits(&reversed).is_err());
+        assert!(check_bits(&(0..32)).is_ok());
+    }
+}

@@ -1,0 +1,69 @@
+//! What the GPU primitives share: tile sizes, checked lengths, and the scan of short rows in place.
+
+use std::sync::Arc;
+
+use crate::gpu::{Access, Buffer, Commands, DeviceElement, Gpu, Kernel, Pipeline, Workgroups};
+use crate::{Error, Result};
+
+/// Elements that one workgroup scans; the twin of `TILE` in tile.wesl.
+pub(super) const TILE: usize = 2048;
+/// Invocations of a workgroup; the twin of `WORKGROUP` in tile.wesl.
+pub(super) const WORKGROUP: u32 = 256;
+/// Indices stay below 2³² even one round of a grid behind the last element.
+pub(super) const MAX_LEN: usize = 1 << 31;
+
+/// Parameters of a kernel: four words, as uniforms are read in units of 16 bytes.
+pub(super) type Parameters = [u32; 4];
+
+/// Checks the length that a plan is made for.
+pub(super) fn check_capacity(what: &'static str, capacity: usize) -> Result<()> {
+    check_len(what, capacity, MAX_LEN)
+}
+
+/// Checks the length of a recording against what its plan was made for.
+pub(super) fn check_len(what: &'static str, len: usize, limit: usize) -> Result<()> {
+    if len <= limit {
+        return Ok(());
+    }
+    let advice = "make the plan for that length, or work in parts";
+    Err(Error::TooMany { what, found: len as u64, limit: limit as u64, advice })
+}
+
+/// Checks that a buffer holds at least `len` elements.
+pub(super) fn check_holds<T: DeviceElement>(buffer: &Buffer<T>, len: usize) -> Result<()> {
+    if buffer.len() >= len {
+        return Ok(());
+    }
+    Err(Error::LengthMismatch { what: buffer.label(), found: buffer.len() as u64, expected: len as u64 })
+}
+
+/// Exclusive scans of the rows of a table in place, a workgroup a row.
+#[derive(Debug)]
+pub(super) struct RowScan {
+    gpu: Gpu,
+    pipeline: Arc<Pipeline>,
+}
+
+impl RowScan {
+    pub(super) fn new(gpu: &Gpu) -> Result<Self> {
+        let bindings = [Access::Uniform, Access::ReadWrite, Access::ReadWrite];
+        let kernel = Kernel::new("package::parallel::scan_rows", "scan_rows", &bindings, WORKGROUP);
+        Ok(Self { gpu: gpu.clone(), pipeline: gpu.pipeline(&kernel)? })
+    }
+
+    /// Scans `n_rows` rows of `row_len` values of `table`; the sum of row i goes to `totals[i]`.
+    pub(super) fn record(
+        &self,
+        commands: &mut Commands,
+        table: &Buffer<u32>,
+        totals: &Buffer<u32>,
+        n_rows: usize,
+        row_len: usize,
+    ) -> Result<()> {
+        let parameters: Parameters = [row_len as u32, n_rows as u32, 0, 0];
+        let parameters = self.gpu.uniform("row scan parameters", &parameters)?;
+        let bindings = [(&parameters).into(), table.into(), totals.into()];
+        commands.dispatch(&self.pipeline, &bindings, Workgroups::Count(n_rows as u32));
+        Ok(())
+    }
+}

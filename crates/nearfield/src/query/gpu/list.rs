@@ -1,0 +1,193 @@
+//! The list read back to the host: at once where it fits the device, else in batches; and the capped list.
+
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::answers::{add_stages, count, in_batches};
+use super::batch::{halving, windows};
+use super::on_device::{list_on_device, record_fill};
+use super::visit::{self, QueryBuffers, VisitorCode, Window};
+use crate::gpu::shader::Fill;
+use crate::gpu::{Access, Bind, Buffer};
+use crate::query::{CutRow, FixedRadius, Neighbors, Report, RowOrder, rows};
+use crate::structure::GpuStructure;
+use crate::{Error, Result};
+
+/// Neighbours of every query, on the host.
+pub(super) fn list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Neighbors> {
+    question.validate(structure.len())?;
+    let start = Instant::now();
+    let mut neighbors = match question.max_neighbors {
+        Some(cap) => capped_list(structure, question, cap)?,
+        None => whole_list(structure, question)?,
+    };
+    neighbors.report.host_stage("total", start);
+    Ok(neighbors)
+}
+
+fn check_host_memory<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, entries: u64) -> Result<()> {
+    if entries > rows::entry_limit(question, structure.len()) {
+        return Err(rows::too_large(entries, question, structure.len()));
+    }
+    Ok(())
+}
+
+fn whole_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Neighbors> {
+    let gpu = structure.gpu();
+    let on_device = list_on_device(structure, question, |entries| check_host_memory(structure, question, entries));
+    let list = match on_device {
+        Ok(list) => list,
+        Err(Error::OutOfDeviceMemory { .. }) => return batched_list(structure, question),
+        Err(error) => return Err(error),
+    };
+    let mut report = list.report;
+    let read = Instant::now();
+    let offsets = gpu.read(&list.offsets)?.into_par_iter().map(u64::from).collect();
+    let indices = gpu.read(&list.indices)?;
+    let distances = match (question.distances, &list.dist2) {
+        (true, Some(dist2)) => Some(square_roots(gpu.read(dist2)?)),
+        _ => None,
+    };
+    report.host_stage("read back", read);
+    Ok(Neighbors { offsets, indices, distances, cut: Vec::new(), report })
+}
+
+fn square_roots(mut dist2: Vec<f32>) -> Vec<f32> {
+    dist2.par_iter_mut().with_min_len(1 << 14).for_each(|d| *d = d.sqrt());
+    dist2
+}
+
+/// Counts all, then fills windows of rows that fit.
+fn batched_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Neighbors> {
+    let gpu = structure.gpu();
+    let counted = count(structure, question)?;
+    let counts = counted.as_slice();
+    let entries = counts.iter().map(|&c| u64::from(c)).sum();
+    check_host_memory(structure, question, entries)?;
+    let mut report = visit::report(structure, "two-pass", &["package::query::count", "package::query::fill"]);
+    report.stages = counted.report.stages.iter().filter(|s| s.name != "total").cloned().collect();
+    let mut neighbors = Neighbors::default();
+    let per_entry = if super::on_device::needs_distances(question) { 8 } else { 4 };
+    let queries = QueryBuffers::in_caller_order(structure, question)?;
+    let mut batches = 0;
+    // One window of rows; halved further where its memory cannot be had.
+    for window in windows(counts, gpu.limits().binding_bytes / per_entry) {
+        batches += halving(window.len(), |part| {
+            let part = window.start + part.start..window.start + part.end;
+            fill_part(structure, question, &queries, part.start as u32, &counts[part], &mut neighbors, &mut report)
+        })?;
+    }
+    report.batches = batches;
+    let mut offsets = Vec::with_capacity(counts.len() + 1);
+    let mut end = 0u64;
+    offsets.push(0);
+    offsets.extend(counts.iter().map(|&c| {
+        end += u64::from(c);
+        end
+    }));
+    neighbors.distances = question.distances.then(|| neighbors.distances.take().unwrap_or_default());
+    Ok(Neighbors { offsets, report, ..neighbors })
+}
+
+/// Fills the rows of the queries from `first` on, whose lengths are `counts`, and appends them to `neighbors`.
+fn fill_part<S: GpuStructure>(
+    structure: &S,
+    question: &FixedRadius<'_>,
+    queries: &QueryBuffers,
+    first: u32,
+    counts: &[u32],
+    neighbors: &mut Neighbors,
+    report: &mut Report,
+) -> Result<()> {
+    let gpu = structure.gpu();
+    let mut offsets = Vec::with_capacity(counts.len() + 1);
+    let mut total = 0u64;
+    offsets.push(0);
+    for &count in counts {
+        total += u64::from(count);
+        offsets.push(total as u32);
+    }
+    let available = gpu.limits().binding_bytes;
+    if total * 4 > available {
+        return Err(Error::OutOfDeviceMemory { what: "neighbour indices".into(), needed: total * 4, available });
+    }
+    let offsets = gpu.upload("row offsets", &offsets)?;
+    let window = Window { first, count: counts.len() as u32, first_id: first };
+    let mut commands = gpu.commands("fill rows");
+    let rows = record_fill(&mut commands, structure, question, (queries, window), &offsets, total as usize)?;
+    add_stages(report, &commands.run()?);
+    let read = Instant::now();
+    let indices = gpu.read(&rows.indices)?;
+    if let (true, Some(dist2)) = (question.distances, &rows.dist2) {
+        let distances = square_roots(gpu.read(dist2)?);
+        neighbors.distances.get_or_insert_default().extend(distances);
+    }
+    neighbors.indices.extend(indices);
+    report.host_stage("read back", read);
+    Ok(())
+}
+
+/// The nearest `cap` neighbours of every query: rows of `cap` places on the device, packed on the host.
+fn capped_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, cap: u32) -> Result<Neighbors> {
+    let gpu = structure.gpu();
+    let mut report = visit::report(structure, "nearest-k", &["package::query::nearest_k"]);
+    // No row is longer than the points, so a larger cap needs no more places.
+    let places = cap.min(structure.len() as u32);
+    let visitor = VisitorCode {
+        source: Fill::Module("package::query::nearest_k"),
+        features: &[("by_index", false)],
+        accesses: &[Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::Uniform],
+    };
+    let mut made = Neighbors { offsets: vec![0], ..Neighbors::default() };
+    let mut distances = Vec::new();
+    in_batches(structure, question, &mut report, |queries, window, report| {
+        let n = window.count as usize;
+        let ids: Buffer<u32> = gpu.buffer("nearest indices", n * places as usize)?;
+        let dist2: Buffer<f32> = gpu.buffer("nearest distances", n * places as usize)?;
+        let counts: Buffer<u32> = gpu.buffer("neighbour counts", n)?;
+        let cap_uniform = gpu.uniform("cap", &[places, 0, 0, 0])?;
+        let binds: [Bind; 4] = [(&ids).into(), (&dist2).into(), (&counts).into(), (&cap_uniform).into()];
+        let mut commands = gpu.commands("nearest neighbours");
+        commands.stage("query");
+        visit::record(&mut commands, structure, question, queries, window, &visitor, &binds)?;
+        add_stages(report, &commands.run()?);
+        let read = Instant::now();
+        let (ids, dist2, counts) = (gpu.read(&ids)?, gpu.read(&dist2)?, gpu.read(&counts)?);
+        let entries = counts.iter().map(|&c| u64::from(c.min(places))).sum::<u64>() + made.indices.len() as u64;
+        check_host_memory(structure, question, entries)?;
+        append_capped(&mut made, &mut distances, question, window.first_id, places, (&ids, &dist2, &counts));
+        report.host_stage("read back", read);
+        Ok(())
+    })?;
+    made.distances = question.distances.then(|| square_roots(distances));
+    Ok(Neighbors { report, ..made })
+}
+
+/// Appends rows of `places` places, of which each uses as many as it has neighbours.
+fn append_capped(
+    made: &mut Neighbors,
+    distances: &mut Vec<f32>,
+    question: &FixedRadius<'_>,
+    first_query: u32,
+    places: u32,
+    (ids, dist2, counts): (&[u32], &[f32], &[u32]),
+) {
+    let mut row: Vec<(u32, f32)> = Vec::new();
+    for (i, &count) in counts.iter().enumerate() {
+        let kept = count.min(places);
+        let start = i * places as usize;
+        let range = start..start + kept as usize;
+        row.clear();
+        row.extend(ids[range.clone()].iter().copied().zip(dist2[range].iter().copied()));
+        if question.order == RowOrder::Index {
+            row.sort_unstable_by_key(|&(id, _)| id);
+        }
+        made.indices.extend(row.iter().map(|&(id, _)| id));
+        distances.extend(row.iter().map(|&(_, d2)| d2));
+        made.offsets.push(made.indices.len() as u64);
+        if kept < count {
+            made.cut.push(CutRow { query: first_query + i as u32, missing: count - kept });
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Answers that stay on the device.
+
+use super::answers::{COUNT, add_stages};
+use super::visit::{self, QueryBuffers, VisitorCode};
+use crate::gpu::shader::Fill;
+use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Workgroups};
+use crate::parallel::reduce::GpuReduce;
+use crate::parallel::scan::GpuScan;
+use crate::query::{FixedRadius, Report, RowOrder};
+use crate::structure::GpuStructure;
+use crate::{Error, Result};
+
+/// Invocations of a workgroup that sorts rows.
+const WORKGROUP: u32 = 64;
+
+/// Neighbours of every query as compressed sparse rows, on the device.
+#[derive(Debug)]
+pub struct GpuNeighbors {
+    /// `[q + 1]` monotone offsets in query order.
+    pub offsets: Buffer<u32>,
+    /// `[nnz]` indices into the points as the caller gave them.
+    pub indices: Buffer<u32>,
+    /// `[nnz]` squared distances, where asked for or needed for the order.
+    pub dist2: Option<Buffer<f32>>,
+    /// What ran.
+    pub report: Report,
+}
+
+pub(super) fn fill(distances: bool) -> VisitorCode<'static> {
+    VisitorCode {
+        source: Fill::Module("package::query::fill"),
+        features: if distances { &[("distances", true)] } else { &[("distances", false)] },
+        accesses: if distances {
+            &[Access::Read, Access::ReadWrite, Access::ReadWrite]
+        } else {
+            &[Access::Read, Access::ReadWrite]
+        },
+    }
+}
+
+/// Whether the rows need distances on the device: for the answer, or to order them.
+pub(super) fn needs_distances(question: &FixedRadius<'_>) -> bool {
+    question.distances || question.order != RowOrder::Unspecified
+}
+
+/// Indices and squared distances of rows, where their offsets say.
+pub(super) struct Rows {
+    pub(super) indices: Buffer<u32>,
+    pub(super) dist2: Option<Buffer<f32>>,
+}
+
+/// Records filling rows whose offsets are known, and ordering them.
+pub(super) fn record_fill<S: GpuStructure>(
+    commands: &mut Commands,
+    structure: &S,
+    question: &FixedRadius<'_>,
+    (queries, window): (&QueryBuffers, visit::Window),
+    offsets: &Buffer<u32>,
+    total: usize,
+) -> Result<Rows> {
+    let gpu = structure.gpu();
+    let distances = needs_distances(question);
+    let indices = gpu.buffer("neighbour indices", total)?;
+    let dist2 = distances.then(|| gpu.buffer("neighbour distances", total)).transpose()?;
+    let mut binds: Vec<Bind> = vec![offsets.into(), (&indices).into()];
+    binds.extend(dist2.as_ref().map(Bind::from));
+    commands.stage("fill");
+    visit::record(commands, structure, question, queries, window, &fill(distances), &binds)?;
+    if let (Some(dist2), true) = (&dist2, question.order != RowOrder::Unspecified) {
+        commands.stage("sort rows");
+        let by_index = question.order == RowOrder::Index;
+        let n_rows = gpu.uniform("row sort parameters", &[window.count, 0, 0, 0])?;
+        let kernel = Kernel {
+            visitor_bindings: &[Access::ReadWrite, Access::ReadWrite],
+            features: &[("by_index", by_index)],
+            constants: &[("WORKGROUP", f64::from(WORKGROUP))],
+            ..Kernel::new("package::query::sort_rows", "sort_rows", &[Access::Uniform, Access::Read], WORKGROUP)
+        };
+        commands.dispatch_with_visitor(
+            &gpu.pipeline(&kernel)?,
+            &[(&n_rows).into(), offsets.into()],
+            &[(&indices).into(), dist2.into()],
+            Workgroups::Covering(u64::from(window.count)),
+        );
+    }
+    Ok(Rows { indices, dist2 })
+}
+
+/// Fixed-radius search that leaves its answers on the device. Implemented for every GPU structure.
+pub trait SearchOnDevice: GpuStructure {
+    /// Number of neighbours of every query: [q] in query order.
+    ///
+    /// # Errors
+    /// See [`FixedRadius::validate`]; `OutOfDeviceMemory`, `DeviceLost`.
+    fn count_on_device(&self, question: &FixedRadius<'_>) -> Result<(Buffer<u32>, Report)>
+    where
+        Self: Sized,
+    {
+        question.validate(self.len())?;
+        let queries = QueryBuffers::in_search_order(self, question)?;
+        let counts = self.gpu().buffer("neighbour counts", question.len(self.len()))?;
+        let mut report = visit::report(self, "thread-a-query", &["package::query::count"]);
+        let mut commands = self.gpu().commands("count neighbours");
+        commands.stage("query");
+        visit::record(&mut commands, self, question, &queries, queries.whole(), &COUNT, &[(&counts).into()])?;
+        add_stages(&mut report, &commands.run()?);
+        Ok((counts, report))
+    }
+
+    /// Neighbours of every query, in query order, with rows ordered as the question says.
+    ///
+    /// # Errors
+    /// See [`FixedRadius::validate`]; `OutOfDeviceMemory` with the size where the list does not fit one binding;
+    /// `Unsupported` with `max_neighbors`, which only the host's list has.
+    fn list_on_device(&self, question: &FixedRadius<'_>) -> Result<GpuNeighbors>
+    where
+        Self: Sized,
+    {
+        question.validate(self.len())?;
+        if question.max_neighbors.is_some() {
+            return Err(Error::Unsupported {
+                what: "max_neighbors with a list that stays on the device".into(),
+                advice: "use `list`, or a visitor that keeps the nearest",
+            });
+        }
+        list_on_device(self, question, |_| Ok(()))
+    }
+}
+
+impl<S: GpuStructure> SearchOnDevice for S {}
+
+/// The two passes: count and scan, then fill. `accept` sees the number of entries before memory is taken for them.
+pub(super) fn list_on_device<S: GpuStructure>(
+    structure: &S,
+    question: &FixedRadius<'_>,
+    accept: impl FnOnce(u64) -> Result<()>,
+) -> Result<GpuNeighbors> {
+    let gpu = structure.gpu();
+    let n = question.len(structure.len());
+    let mut report = visit::report(structure, "two-pass", &["package::query::count", "package::query::fill"]);
+    let queries = QueryBuffers::in_search_order(structure, question)?;
+    let window = queries.whole();
+    let counts = gpu.buffer("neighbour counts", n)?;
+    let offsets = gpu.buffer("row offsets", n + 1)?;
+    let sum: Buffer<u64> = gpu.buffer("number of entries", 1)?;
+    let mut commands = gpu.commands("count neighbours");
+    commands.stage("count");
+    visit::record(&mut commands, structure, question, &queries, window, &COUNT, &[(&counts).into()])?;
+    commands.stage("scan");
+    GpuScan::new(gpu, n)?.record(&mut commands, &counts, &offsets, n)?;
+    GpuReduce::new(gpu)?.record_sum(&mut commands, &counts, n, &sum)?;
+    add_stages(&mut report, &commands.run()?);
+    let total = gpu.read(&sum)?[0];
+    accept(total)?;
+    let available = gpu.limits().binding_bytes;
+    if total * 4 > available {
+        return Err(Error::OutOfDeviceMemory { what: "neighbour indices".into(), needed: total * 4, available });
+    }
+    let mut commands = gpu.commands("fill rows");
+    let rows = record_fill(&mut commands, structure, question, (&queries, window), &offsets, total as usize)?;
+    add_stages(&mut report, &commands.run()?);
+    Ok(GpuNeighbors { offsets, indices: rows.indices, dist2: rows.dist2, report })
+}

@@ -1,0 +1,69 @@
+//! A caller's own WGSL on each neighbour: sums and minima without a list, early exit.
+
+use super::answers::add_stages;
+use super::visit::{self, QueryBuffers, VisitorCode};
+use crate::Result;
+use crate::gpu::shader::Fill;
+use crate::gpu::{Access, Bind};
+use crate::query::{FixedRadius, Report};
+use crate::structure::GpuStructure;
+
+/// A caller's code and buffers.
+///
+/// The source is a WGSL module with a `State` and three functions:
+///
+/// ```wgsl
+/// import package::structure::question::{Query, Neighbor};
+///
+/// @group(1) @binding(0) var<storage, read_write> sums: array<f32>;
+///
+/// struct State { sum: f32 }
+///
+/// fn begin(query: Query) -> State { return State(0.0); }
+///
+/// fn visit(state: ptr<function, State>, query: Query, neighbor: Neighbor) -> bool {
+///     (*state).sum += sqrt(neighbor.dist2);
+///     return true; // false ends the row of this query
+/// }
+///
+/// fn finish(state: ptr<function, State>, query: Query) { sums[query.slot] = (*state).sum; }
+/// ```
+///
+/// `Query` has `position`, `radius`, `radius2`, `id` and `slot`, the place of the query's answer, which is its index;
+/// `Neighbor` has `id`, `dist2` and `difference` (query minus neighbour, to the nearest image).
+/// Bindings are `@group(1)`, numbered from 0. The module is compiled with run-time checks.
+#[derive(Debug, Clone, Copy)]
+pub struct Visitor<'a> {
+    /// The module.
+    pub source: &'a str,
+    /// Its bindings, in order.
+    pub bindings: &'a [(Access, Bind)],
+}
+
+/// Runs visitors. Implemented for every GPU structure.
+pub trait ForEachOnDevice: GpuStructure {
+    /// Runs `visitor` on every neighbour of every query, one invocation a query, and waits for it.
+    ///
+    /// The question's order, cap and distances do not matter.
+    ///
+    /// # Errors
+    /// See [`FixedRadius::validate`]; `KernelRejected` with the compiler's message; `OutOfDeviceMemory`, `DeviceLost`.
+    fn for_each_on_device(&self, question: &FixedRadius<'_>, visitor: &Visitor<'_>) -> Result<Report>
+    where
+        Self: Sized,
+    {
+        question.validate(self.len())?;
+        let accesses: Vec<Access> = visitor.bindings.iter().map(|(access, _)| *access).collect();
+        let binds: Vec<Bind> = visitor.bindings.iter().map(|(_, bind)| bind.clone()).collect();
+        let code = VisitorCode { source: Fill::Caller(visitor.source), features: &[], accesses: &accesses };
+        let queries = QueryBuffers::in_search_order(self, question)?;
+        let mut report = visit::report(self, "thread-a-query", &["the caller's visitor"]);
+        let mut commands = self.gpu().commands("run a visitor");
+        commands.stage("query");
+        visit::record(&mut commands, self, question, &queries, queries.whole(), &code, &binds)?;
+        add_stages(&mut report, &commands.run()?);
+        Ok(report)
+    }
+}
+
+impl<S: GpuStructure> ForEachOnDevice for S {}

@@ -1,0 +1,106 @@
+//! Brute force on the GPU.
+
+use std::time::Instant;
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+use crate::Result;
+use crate::geometry::{Period, validate};
+use crate::gpu::{Access, Bind, Buffer, Gpu};
+use crate::structure::on_gpu::{DevicePoint, GpuStructure, device_points};
+use crate::structure::{BruteForce, BuildStage, CpuStructure};
+
+/// `Layout` in traverse.wesl, byte for byte.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct BruteForceLayout {
+    /// Length of the period by axis; 0 where not periodic.
+    pub period: [f32; 3],
+    /// Number of points.
+    pub n_points: u32,
+    /// One over the period; 0 where not periodic.
+    pub inverse_period: [f32; 3],
+    /// Unused.
+    pub padding: u32,
+}
+
+/// All points as they came, on the GPU.
+#[derive(Debug)]
+pub struct GpuBruteForce {
+    gpu: Gpu,
+    points: Buffer<DevicePoint>,
+    layout: Buffer<BruteForceLayout>,
+    period: Period,
+    stages: Vec<BuildStage>,
+}
+
+impl GpuBruteForce {
+    /// Copies the points to the device.
+    ///
+    /// # Errors
+    /// `NonFinite`, `CoordinateTooLarge`, `TooMany` (2³² − 1 points or more), `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn build(gpu: &Gpu, points: &[Vec3]) -> Result<Self> {
+        Self::build_periodic(gpu, points, Period::NONE)
+    }
+
+    /// Copies the points of a periodic domain to the device.
+    ///
+    /// # Errors
+    /// As [`GpuBruteForce::build`].
+    pub fn build_periodic(gpu: &Gpu, points: &[Vec3], period: Period) -> Result<Self> {
+        validate::points(points)?;
+        let start = Instant::now();
+        let layout = BruteForceLayout {
+            period: period.lengths().to_array(),
+            n_points: points.len() as u32,
+            inverse_period: period.inverse().to_array(),
+            padding: 0,
+        };
+        let points = gpu.upload("points", &device_points(points, 0))?;
+        let layout = gpu.uniform("brute-force layout", &layout)?;
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        let stages = vec![BuildStage { name: "upload", milliseconds, on_device: false }];
+        Ok(Self { gpu: gpu.clone(), points, layout, period, stages })
+    }
+}
+
+impl GpuStructure for GpuBruteForce {
+    const NAME: &'static str = <BruteForce as CpuStructure>::NAME;
+
+    fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    fn points(&self) -> &Buffer<DevicePoint> {
+        &self.points
+    }
+
+    fn traverse_module(&self) -> &'static str {
+        "package::structure::brute_force::traverse"
+    }
+
+    fn features(&self) -> Vec<(&'static str, bool)> {
+        vec![("periodic", self.period.is_periodic())]
+    }
+
+    fn bindings(&self) -> Vec<(Access, Bind)> {
+        vec![(Access::Uniform, (&self.layout).into()), (Access::Read, (&self.points).into())]
+    }
+
+    fn upload_queries(&self, queries: &[Vec3]) -> Result<Buffer<DevicePoint>> {
+        self.gpu.upload("queries", &device_points(queries, 0))
+    }
+
+    fn build_stages(&self) -> &[BuildStage] {
+        &self.stages
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.points.bytes() + self.layout.bytes()
+    }
+}

@@ -1,0 +1,58 @@
+//! What a structure gives the queries on the GPU.
+
+use glam::Vec3;
+
+use super::BuildStage;
+use crate::Result;
+use crate::gpu::{Access, Bind, Buffer, Gpu};
+
+/// A point on the device: xyz, and the caller's index as bits.
+pub type DevicePoint = [f32; 4];
+
+/// A structure on the device: points in some order, and a WESL module that visits those near a query.
+pub trait GpuStructure: Sync {
+    /// Name of the structure, in lower case with hyphens.
+    const NAME: &'static str;
+
+    /// The device it lives on.
+    fn gpu(&self) -> &Gpu;
+
+    /// Number of points.
+    fn len(&self) -> usize;
+
+    /// Whether there is no point.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// `[n]` the points in the structure's order.
+    fn points(&self) -> &Buffer<DevicePoint>;
+
+    /// Module that holds `fn traverse(query: Query, state: ptr<function, State>)`.
+    fn traverse_module(&self) -> &'static str;
+
+    /// Conditions that the module is compiled with.
+    fn features(&self) -> Vec<(&'static str, bool)>;
+
+    /// The module's bindings in `@group(0)`, numbered from 3.
+    fn bindings(&self) -> Vec<(Access, Bind)>;
+
+    /// Other query points on the device, in a good order to search them.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory`, `DeviceLost`.
+    fn upload_queries(&self, queries: &[Vec3]) -> Result<Buffer<DevicePoint>>;
+
+    /// Times of the build.
+    fn build_stages(&self) -> &[BuildStage];
+
+    /// Bytes of device memory held, points included.
+    fn memory_bytes(&self) -> u64;
+}
+
+/// Points as the kernels take them, in the caller's order, numbered from `first`.
+pub(crate) fn device_points(points: &[Vec3], first: u32) -> Vec<DevicePoint> {
+    use rayon::prelude::*;
+    let pack = |(i, p): (usize, &Vec3)| [p.x, p.y, p.z, f32::from_bits(first + i as u32)];
+    points.par_iter().enumerate().with_min_len(1 << 14).map(pack).collect()
+}

@@ -1,0 +1,89 @@
+//! What all integration tests share: one GPU for the process, GPU tests that are skipped and counted where there is
+//! none, and reproducible random numbers.
+//!
+//! - `NEARFIELD_TEST_DEVICE`: the device as on the command line; default `gpu`, which takes software adapters too
+//! - `NEARFIELD_REQUIRE_GPU=1`: without that device, GPU tests fail instead of being skipped
+//! - `NEARFIELD_LONG=1`: large cases on software adapters too
+
+#![allow(dead_code, reason = "no test uses all of it")]
+
+use std::sync::OnceLock;
+
+use libtest_mimic::{Failed, Trial};
+use nearfield::gpu::{AdapterKind, DeviceChoice, Gpu};
+
+/// The device of this process, opened at first use; why there is none otherwise.
+pub fn gpu() -> Result<&'static Gpu, &'static str> {
+    static DEVICE: OnceLock<Result<Gpu, String>> = OnceLock::new();
+    let device = DEVICE.get_or_init(|| {
+        let asked = std::env::var("NEARFIELD_TEST_DEVICE").unwrap_or_else(|_| "gpu".to_owned());
+        let opened = asked.parse::<DeviceChoice>().and_then(|choice| Gpu::open(&choice));
+        match opened {
+            Ok(Some(gpu)) => {
+                eprintln!("GPU tests run on {} ({:?})", gpu.name(), gpu.kind());
+                Ok(gpu)
+            }
+            Ok(None) => Err(format!("device {asked:?} is the CPU")),
+            Err(error) => Err(error.to_string()),
+        }
+    });
+    if let Err(reason) = device {
+        static SAID: OnceLock<()> = OnceLock::new();
+        SAID.get_or_init(|| eprintln!("GPU tests are skipped: {reason}"));
+    }
+    device.as_ref().map_err(String::as_str)
+}
+
+/// A test that needs the GPU: counted as ignored where there is none, or failed with `NEARFIELD_REQUIRE_GPU=1`.
+pub fn gpu_trial(name: impl Into<String>, test: impl FnOnce(&Gpu) + Send + 'static) -> Trial {
+    let required = std::env::var_os("NEARFIELD_REQUIRE_GPU").is_some_and(|v| v == "1");
+    let skipped = gpu().is_err() && !required;
+    let body = move || -> Result<(), Failed> {
+        test(gpu()?);
+        Ok(())
+    };
+    Trial::test(name, body).with_ignored_flag(skipped)
+}
+
+/// A test that runs everywhere.
+pub fn trial(name: impl Into<String>, test: impl FnOnce() + Send + 'static) -> Trial {
+    let body = move || -> Result<(), Failed> {
+        test();
+        Ok(())
+    };
+    Trial::test(name, body)
+}
+
+/// Whether cases that take a software adapter minutes are to run.
+pub fn long_cases(gpu: &Gpu) -> bool {
+    gpu.kind() != AdapterKind::Software || std::env::var_os("NEARFIELD_LONG").is_some_and(|v| v == "1")
+}
+
+/// Reproducible random numbers (SplitMix64).
+pub struct Random(pub u64);
+
+impl Random {
+    /// The next 64 bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// The next u32.
+    pub fn word(&mut self) -> u32 {
+        (self.bits() >> 32) as u32
+    }
+
+    /// The next number below `n`.
+    pub fn below(&mut self, n: u32) -> u32 {
+        (u64::from(self.word()) * u64::from(n) >> 32) as u32
+    }
+
+    /// The next number from 0 to below 1.
+    pub fn unit(&mut self) -> f32 {
+        (self.word() >> 8) as f32 / (1u32 << 24) as f32
+    }
+}
