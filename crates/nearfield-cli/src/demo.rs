@@ -22,7 +22,7 @@ use crate::report::{grouped, print, shown_ms, size, table};
 /// Seed of the scan.
 const SEED: u64 = 7;
 /// Search radius in metres.
-const RADIUS: f32 = 0.5;
+const RADIUS: f32 = 0.25;
 /// Queries for brute force, which tests all points for each: more would take minutes on a software renderer.
 const BRUTE_FORCE_QUERIES: usize = 2000;
 
@@ -31,11 +31,11 @@ const BRUTE_FORCE_QUERIES: usize = 2000;
 #[command(after_help = "Example:
   nearfield demo
 
-The scan is that of a car driving along a street: 150,000 points, always the same. demo.png shows it coloured by the
-number of neighbours within 0.5 m.")]
+The scan is that of a car driving along a street: 120,000 points, always the same. demo.png shows it coloured by the
+number of neighbours within 0.25 m.")]
 pub(crate) struct DemoArgs {
     /// Number of points
-    #[arg(short = 'n', long = "number", value_name = "N", default_value = "150000")]
+    #[arg(short = 'n', long = "number", value_name = "N", default_value = "120000")]
     n: Amount,
 
     /// The picture to write

@@ -35,7 +35,7 @@ pub(crate) fn draw(found: &Found<'_>, color: Color, up: Up, size: PictureSize) -
         sizes: &[],
         focus: &[],
         up,
-        title: format!("{}: {} points, radius {}", found.name, grouped(found.points.len() as u64), found.radius),
+        title: format!("{}: {} points, radius {}", found.name, grouped(found.points.len() as u64), short(found.radius)),
         subtitle: counts_line(found),
         bar: None,
     };
@@ -72,6 +72,12 @@ pub(crate) fn draw(found: &Found<'_>, color: Color, up: Up, size: PictureSize) -
             }
             let reach = VIEW * found.radius;
             focus = points.iter().copied().filter(|p| p.distance(center) <= reach).collect();
+            // What lies farther away would only stand between the eye and the query.
+            for (point, color) in points.iter_mut().zip(&colors) {
+                if *color == GREY && point.distance(center) > 2.0 * reach {
+                    *point = Vec3::NAN;
+                }
+            }
             colors
         }
     };
@@ -100,6 +106,13 @@ fn counts_line(found: &Found<'_>) -> String {
         None => String::new(),
     };
     format!("{who}neighbours mean {:.1}, min {}, max {}", summary.mean, summary.min, grouped(summary.max.into()))
+}
+
+/// Four digits are enough for a title.
+fn short(length: f32) -> String {
+    let text = format!("{length:.3e}");
+    // Through the number again: 2.500e-3 reads better as 0.0025.
+    text.parse::<f64>().map_or(text, |rounded| if (1e-4..1e6).contains(&rounded) { format!("{rounded}") } else { format!("{rounded:e}") })
 }
 
 fn cell_color([x, y, z]: [u32; 3]) -> [u8; 3] {

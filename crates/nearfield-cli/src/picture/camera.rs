@@ -17,8 +17,10 @@ pub(crate) enum Up {
 const FLAT: f64 = 0.3;
 /// Points that decide on the view; more would not change it.
 const SAMPLE: usize = 100_000;
-/// Part of the sample on each side that may fall outside the picture: stray returns must not shrink the rest.
-const STRAY: f64 = 0.001;
+/// Part of the sample on each side that the view reaches for only so far: stray returns must not shrink the rest.
+const STRAY: f64 = 0.01;
+/// How far that is, as a part of the range of the others.
+const REACH: f64 = 0.2;
 
 /// Projects points onto the picture.
 #[derive(Debug, Clone)]
@@ -125,16 +127,16 @@ impl Camera {
     }
 }
 
-/// The range of the values without the strays at both ends; 0 for none.
+/// The range of the values, strays at both ends only as far as [`REACH`] allows; 0 for none.
 fn inner_range(mut values: Vec<f64>) -> [f64; 2] {
     if values.is_empty() {
         return [0.0, 0.0];
     }
-    let stray = (values.len() as f64 * STRAY) as usize;
-    let last = values.len() - 1;
-    let low = *values.select_nth_unstable_by(stray, f64::total_cmp).1;
-    let high = *values.select_nth_unstable_by(last - stray, f64::total_cmp).1;
-    [low, high]
+    values.sort_unstable_by(f64::total_cmp);
+    let (stray, last) = ((values.len() as f64 * STRAY) as usize, values.len() - 1);
+    let (low, high) = (values[stray], values[last - stray]);
+    let reach = REACH * (high - low);
+    [values[0].max(low - reach), values[last].min(high + reach)]
 }
 
 /// The direction that is most likely up: z for clouds that lie flat, y for formats of modelling programs, else z.

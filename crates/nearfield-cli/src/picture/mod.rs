@@ -63,7 +63,7 @@ struct Frame {
 pub(crate) fn draw(scene: &Scene<'_>, size: PictureSize) -> Image {
     let (width, height) = ((size.width * OVERSAMPLING) as usize, (size.height * OVERSAMPLING) as usize);
     let unit = OVERSAMPLING as f32;
-    let right = if scene.bar.is_some() { 130.0 } else { 30.0 };
+    let right = if scene.bar.is_some() { 160.0 } else { 30.0 };
     let frame = Frame {
         left: 30.0 * unit,
         top: 76.0 * unit,

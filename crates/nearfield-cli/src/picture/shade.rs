@@ -9,7 +9,7 @@ use super::splat::Layers;
 /// Background at the top and at the bottom.
 const BACKGROUND: [[f32; 3]; 2] = [[30.0, 35.0, 44.0], [13.0, 15.0, 19.0]];
 /// Distances in pixels, and how much each says about the shade.
-const RINGS: [(i64, f32); 3] = [(2, 0.35), (5, 0.4), (12, 0.5)];
+const RINGS: [(i64, f32); 3] = [(2, 0.2), (5, 0.3), (14, 0.5)];
 /// Half the side of the square over which the depth is smoothed before slopes are taken.
 const SMOOTHING: i64 = 4;
 
@@ -59,7 +59,7 @@ fn occlusion(layers: &Layers, x: usize, y: usize) -> f32 {
         }
         shade += weight * sum / 4.0;
     }
-    (-1.6 * shade).exp()
+    (-1.3 * shade).exp()
 }
 
 /// Depth at a pixel, `own` where nothing is seen: the background hides nothing.
@@ -86,7 +86,7 @@ fn slope(layers: &Layers, smooth: &[f32], x: usize, y: usize) -> f32 {
     let [gx, gy] = gradient;
     let length = (gx * gx + gy * gy + 1.0).sqrt();
     let facing = (-0.45 * gx - 0.55 * gy + 0.70) / length;
-    0.42 + 0.72 * facing.max(0.0)
+    0.5 + 0.75 * facing.max(0.0)
 }
 
 /// The depth averaged over small squares, leaving out the background; infinite where there is only background.

@@ -3,11 +3,12 @@
 use super::Scene;
 use super::camera::{Camera, Projected};
 
-/// Side of the squares, in pixels, by which the covered area is estimated.
-const SQUARE: usize = 12;
+/// Sides of the squares, in pixels, by which the covered area is estimated: the first that holds enough points.
+const SQUARES: [usize; 3] = [12, 24, 48];
+const ENOUGH: usize = 2;
 /// Radii in pixels of the first drawing.
 const SMALLEST: f32 = 1.1;
-const LARGEST: f32 = 14.0;
+const LARGEST: f32 = 30.0;
 /// From this radius on a ball is shaded by itself.
 const ROUND: f32 = 4.0;
 
@@ -40,20 +41,27 @@ pub(super) fn draw(scene: &Scene<'_>, camera: &Camera, width: usize, height: usi
     let radius = radius(&seen, width, height);
     for &(i, at) in &seen {
         let size = scene.sizes.get(i as usize).copied().unwrap_or(1.0);
-        layers.ball(i, at, (radius * size * at.zoom).clamp(SMALLEST, 4.0 * LARGEST));
+        layers.ball(i, at, (radius * size * at.zoom).clamp(SMALLEST, 2.0 * LARGEST));
     }
     layers
 }
 
 /// The radius at which the points about cover what they are spread over.
 fn radius(seen: &[(u32, Projected)], width: usize, height: usize) -> f32 {
-    let (columns, rows) = (width.div_ceil(SQUARE), height.div_ceil(SQUARE));
-    let mut occupied = vec![false; columns * rows];
-    for (_, at) in seen {
-        occupied[at.y as usize / SQUARE * columns + at.x as usize / SQUARE] = true;
+    let mut area = 0;
+    for square in SQUARES {
+        let (columns, rows) = (width.div_ceil(square), height.div_ceil(square));
+        let mut occupied = vec![false; columns * rows];
+        for (_, at) in seen {
+            occupied[at.y as usize / square * columns + at.x as usize / square] = true;
+        }
+        let n_occupied = occupied.iter().filter(|&&o| o).count();
+        area = n_occupied * square * square;
+        if seen.len() >= ENOUGH * n_occupied {
+            break;
+        }
     }
-    let area = (occupied.iter().filter(|&&o| o).count() * SQUARE * SQUARE) as f32;
-    (0.85 * (area / seen.len().max(1) as f32).sqrt()).clamp(SMALLEST, LARGEST)
+    (1.05 * (area as f32 / seen.len().max(1) as f32).sqrt()).clamp(SMALLEST, LARGEST)
 }
 
 impl Layers {
