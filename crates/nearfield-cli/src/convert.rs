@@ -73,7 +73,8 @@ pub(crate) fn run(args: &ConvertArgs, common: &Common) -> Result<(), Failure> {
             let mut cloud = input.cloud()?;
             let dropped = if args.drop_invalid { cloud.drop_invalid() } else { 0 };
             if dropped > 0 {
-                common.note(&format!("{} points with NaN or infinite coordinates were dropped", grouped(dropped as u64)));
+                common
+                    .note(&format!("{} points with NaN or infinite coordinates were dropped", grouped(dropped as u64)));
             }
             if let Some(mesh) = faces_lost {
                 let triangles = grouped(mesh.triangles.len() as u64);

@@ -79,7 +79,8 @@ pub(crate) fn run(args: &DemoArgs, common: &Common) -> Result<(), Failure> {
         }
     }
     let reference = runs.iter().find(|run| run.queries == points.len()).map(|run| &run.rows);
-    let reference = reference.ok_or_else(|| Failure::Disagreement("no structure was asked around every point".into()))?;
+    let reference =
+        reference.ok_or_else(|| Failure::Disagreement("no structure was asked around every point".into()))?;
     progress.step("drawing");
     draw(points, reference, &args.picture, force)?;
     drop(progress);
@@ -132,10 +133,8 @@ fn name(run: &Run) -> String {
 }
 
 fn tell(args: &DemoArgs, points: &[Vec3], runs: &[Run], step: usize, no_gpu: bool) -> Result<(), Failure> {
-    let mut text = format!(
-        "synthetic street scan, {} points, all neighbours within {RADIUS} m\n",
-        grouped(points.len() as u64)
-    );
+    let mut text =
+        format!("synthetic street scan, {} points, all neighbours within {RADIUS} m\n", grouped(points.len() as u64));
     if no_gpu {
         text += "no GPU found: the CPU does everything\n";
     }

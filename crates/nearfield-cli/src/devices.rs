@@ -41,7 +41,8 @@ pub(crate) fn run(args: &DevicesArgs) -> Result<(), Failure> {
     let heading = ["device", "name", "kind", "driver", "largest binding", "largest buffer", "subgroup", "timestamps"];
     let mut rows = vec![heading.map(str::to_owned).to_vec()];
     for (i, (limits, adapter)) in found.iter().enumerate() {
-        let mut row = vec![format!("gpu:{i}"), adapter.name.clone(), kind_name(adapter.kind).into(), adapter.driver.clone()];
+        let mut row =
+            vec![format!("gpu:{i}"), adapter.name.clone(), kind_name(adapter.kind).into(), adapter.driver.clone()];
         match limits {
             Ok(limits) => row.extend([
                 size(limits.binding_bytes),

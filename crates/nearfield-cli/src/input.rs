@@ -9,6 +9,9 @@ use nearfield::{Error, PointCloud, TriMesh};
 use crate::exit::Failure;
 use crate::options::Common;
 
+/// What the readers find in a sound file that holds only points, where a mesh is asked for.
+const NO_FACES: [&str; 2] = ["no faces", "only points"];
+
 /// The bytes of an input file.
 pub(crate) struct Input {
     path: PathBuf,
@@ -65,7 +68,7 @@ impl Input {
         match parse_mesh(&self.bytes, self.format) {
             Ok(mesh) if mesh.triangles.is_empty() => Ok(None),
             Ok(mesh) => Ok(Some(mesh)),
-            Err(Error::File(error)) if error.found.starts_with("no faces") => Ok(None),
+            Err(Error::File(error)) if NO_FACES.contains(&error.found.as_str()) => Ok(None),
             Err(error) => Err(self.failure(error)),
         }
     }

@@ -34,11 +34,15 @@ use options::Common;
 
 /// Exact neighbours within a radius, on the CPU and on any GPU
 #[derive(Debug, Parser)]
-#[command(name = "nearfield", version, after_help = "Start with `nearfield demo`, or with
+#[command(
+    name = "nearfield",
+    version,
+    after_help = "Start with `nearfield demo`, or with
   nearfield neighbors scan.ply --radius 0.5% --picture scan.png
 
 Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no device, 70 internal error, 73 output cannot be created,
-74 reading or writing failed, 75 out of memory (a smaller request may do).")]
+74 reading or writing failed, 75 out of memory (a smaller request may do)."
+)]
 struct Arguments {
     #[command(flatten)]
     common: Common,

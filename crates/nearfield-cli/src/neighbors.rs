@@ -248,7 +248,9 @@ impl NeighborsArgs {
         let stdout = |path: &Option<PathBuf>| path.as_deref() == Some(Path::new("-"));
         let to_stdout = usize::from(self.json) + usize::from(stdout(&self.output)) + usize::from(stdout(&self.picture));
         if to_stdout > 1 {
-            return Err(Failure::Usage("only one of --json, --output - and --picture - can have standard output".into()));
+            return Err(Failure::Usage(
+                "only one of --json, --output - and --picture - can have standard output".into(),
+            ));
         }
         if self.input == Path::new("-") && self.queries.as_deref() == Some(Path::new("-")) {
             return Err(Failure::Usage("points and queries cannot both come from standard input".into()));

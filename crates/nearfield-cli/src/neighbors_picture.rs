@@ -54,8 +54,10 @@ pub(crate) fn draw(found: &Found<'_>, color: Color, up: Up, size: PictureSize) -
             let settings = GridSettings { refine_x: 1, ..GridSettings::for_radius(found.radius) };
             let bounds = Aabb::of_points(found.points);
             let layout = GridLayout::new(points.len() as u32, &bounds, &settings.periodic(found.period));
-            scene.subtitle = format!("every grid cell has its own colour; {} x {} x {} cells as wide as the radius",
-                layout.cells[0], layout.cells[1], layout.cells[2]);
+            scene.subtitle = format!(
+                "every grid cell has its own colour; {} x {} x {} cells as wide as the radius",
+                layout.cells[0], layout.cells[1], layout.cells[2]
+            );
             points.iter().map(|&p| cell_color(layout.cell_of(p))).collect()
         }
         Color::NeighborsOf(query) => {
@@ -112,7 +114,9 @@ fn counts_line(found: &Found<'_>) -> String {
 fn short(length: f32) -> String {
     let text = format!("{length:.3e}");
     // Through the number again: 2.500e-3 reads better as 0.0025.
-    text.parse::<f64>().map_or(text, |rounded| if (1e-4..1e6).contains(&rounded) { format!("{rounded}") } else { format!("{rounded:e}") })
+    text.parse::<f64>().map_or(text, |rounded| {
+        if (1e-4..1e6).contains(&rounded) { format!("{rounded}") } else { format!("{rounded:e}") }
+    })
 }
 
 fn cell_color([x, y, z]: [u32; 3]) -> [u8; 3] {

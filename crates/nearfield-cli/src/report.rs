@@ -25,9 +25,8 @@ pub(crate) struct Times {
 impl Times {
     /// Splits the wall time of building an index by what the index says of its stages.
     pub(crate) fn built(&mut self, wall: f64, stages: &[Stage]) {
-        let sum = |keep: &dyn Fn(&Stage) -> bool| -> f64 {
-            stages.iter().filter(|s| keep(s)).map(|s| s.milliseconds).sum()
-        };
+        let sum =
+            |keep: &dyn Fn(&Stage) -> bool| -> f64 { stages.iter().filter(|s| keep(s)).map(|s| s.milliseconds).sum() };
         self.upload += sum(&|s| s.name == "upload");
         self.build += sum(&|s| s.name != "upload" && s.name != "total");
         self.open += (wall - self.upload - self.build).max(0.0);
@@ -127,7 +126,10 @@ impl SearchSummary {
                 format!("mean {:.2}, min {}, max {}, total {}", n.mean, n.min, grouped(n.max.into()), grouped(n.total)),
             ),
             ("device", self.report.device.clone()),
-            ("structure", format!("{} ({}{batches}), {}", self.report.structure, self.report.search, size(self.memory_bytes))),
+            (
+                "structure",
+                format!("{} ({}{batches}), {}", self.report.structure, self.report.search, size(self.memory_bytes)),
+            ),
             ("time", times.join(", ")),
         ];
         let mut text = String::new();

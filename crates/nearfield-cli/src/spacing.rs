@@ -109,7 +109,8 @@ mod tests {
 
     #[test]
     fn clusters_and_outliers_agree_with_brute_force() {
-        let mut points: Vec<Vec3> = (0..600).map(|i| Vec3::new(i as f32 * 0.001, (i * i % 17) as f32 * 0.002, 5.0)).collect();
+        let mut points: Vec<Vec3> =
+            (0..600).map(|i| Vec3::new(i as f32 * 0.001, (i * i % 17) as f32 * 0.002, 5.0)).collect();
         points.extend((0..40).map(|i| Vec3::new(1e4 + (i * i) as f32, 3.0 * i as f32, 0.0)));
         points.push(Vec3::splat(-1e7));
         let (found, expected) = (spacing(&points).unwrap().mean.unwrap(), brute_force(&points));

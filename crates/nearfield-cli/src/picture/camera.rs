@@ -74,21 +74,15 @@ impl Camera {
         let right = up_axis.cross(toward_eye).normalize();
         let distance = if flat { f64::INFINITY } else { 1.7 * extent.length().max(f64::MIN_POSITIVE) };
 
-        let mut camera = Self {
-            center,
-            right,
-            up: toward_eye.cross(right),
-            toward_eye,
-            distance,
-            scale: 1.0,
-            shift: [0.0, 0.0],
-        };
+        let mut camera =
+            Self { center, right, up: toward_eye.cross(right), toward_eye, distance, scale: 1.0, shift: [0.0, 0.0] };
         camera.fit(&sample, frame);
         camera
     }
 
     fn fit(&mut self, sample: &[DVec3], frame: Frame) {
-        let seen: Vec<[f64; 3]> = sample.iter().filter_map(|&p| self.on_plane(p)).map(|(x, y, _, z)| [x, y, z]).collect();
+        let seen: Vec<[f64; 3]> =
+            sample.iter().filter_map(|&p| self.on_plane(p)).map(|(x, y, _, z)| [x, y, z]).collect();
         let range = |a: usize| inner_range(seen.iter().map(|s| s[a]).collect());
         let ([left, right], [bottom, top]) = (range(0), range(1));
         let per_unit = |pixels: f32, units: f64| if units > 0.0 { f64::from(pixels) / units } else { f64::INFINITY };

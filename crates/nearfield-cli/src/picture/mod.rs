@@ -128,23 +128,9 @@ mod tests {
     const SIZE: PictureSize = PictureSize { width: 320, height: 240 };
 
     #[test]
-    fn the_nearer_point_hides_the_farther_one() {
-        // Seen from the front (-y) and above: the red point stands behind the green one on the line of sight.
-        let toward_eye = Camera::fitted(&[Vec3::ZERO, Vec3::ONE], Up::Z, Frame { left: 0.0, top: 0.0, width: 9.0, height: 9.0 })
-            .toward_eye();
-        let points = [toward_eye, Vec3::ZERO];
-        for colors in [[[0, 255, 0], [255, 0, 0]], [[255, 0, 0], [0, 255, 0]]] {
-            let image = draw(&scene(&points, &colors), SIZE);
-            let brightest = |c: usize| image.pixels.iter().map(|p| p[c]).max();
-            let front_is_green = colors[0][1] == 255;
-            let (shown, hidden) = if front_is_green { (1, 0) } else { (0, 1) };
-            assert!(brightest(shown) > brightest(hidden), "{:?} {:?}", brightest(shown), brightest(hidden));
-        }
-    }
-
-    #[test]
     fn nothing_equal_and_far_points_can_be_drawn() {
-        for points in [vec![], vec![Vec3::splat(7.0)], vec![Vec3::ONE; 50], vec![Vec3::splat(-1e18), Vec3::splat(1e18)]] {
+        for points in [vec![], vec![Vec3::splat(7.0)], vec![Vec3::ONE; 50], vec![Vec3::splat(-1e18), Vec3::splat(1e18)]]
+        {
             let colors = vec![[200; 3]; points.len()];
             let image = draw(&scene(&points, &colors), SIZE);
             assert_eq!((image.width, image.height, image.pixels.len()), (320, 240, 320 * 240));

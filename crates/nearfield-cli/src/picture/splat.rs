@@ -93,3 +93,36 @@ impl Layers {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::camera::Up;
+    use super::super::{Frame, Scene};
+    use super::*;
+    use nearfield::Vec3;
+
+    #[test]
+    fn the_nearer_point_hides_the_farther_one_in_either_order() {
+        let frame = Frame { left: 0.0, top: 0.0, width: 100.0, height: 100.0 };
+        let corners = [Vec3::ZERO, Vec3::ONE, Vec3::X, Vec3::Y, Vec3::Z];
+        let camera = Camera::fitted(&corners, Up::Z, frame);
+        let center = Vec3::splat(0.5);
+        let nearer = center + 0.25 * camera.toward_eye();
+        for (points, front) in [([nearer, center], 0), ([center, nearer], 1)] {
+            let title = String::new();
+            let scene = Scene {
+                points: &points,
+                colors: &[[0; 3]; 2],
+                sizes: &[],
+                focus: &[],
+                up: Up::Z,
+                subtitle: title.clone(),
+                title,
+                bar: None,
+            };
+            let layers = draw(&scene, &camera, 100, 100);
+            let at = camera.project(center).unwrap();
+            assert_eq!(layers.point[at.y as usize * 100 + at.x as usize], front);
+        }
+    }
+}
