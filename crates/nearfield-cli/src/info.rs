@@ -78,7 +78,8 @@ pub(crate) fn run(args: &InfoArgs, common: &Common) -> Result<(), Failure> {
         rows.push(("triangles", format!("{}, area {area:.6}", grouped(count as u64))));
     }
     if let Some([min, max]) = bounds {
-        let corner = |c: DVec3| format!("{} {} {}", c.x, c.y, c.z);
+        let decimals = decimals(&cloud);
+        let corner = |c: DVec3| c.to_array().map(|v| shortest(v, decimals)).join(" ");
         rows.push(("min", corner(min)));
         rows.push(("max", corner(max)));
         rows.push(("diagonal", format!("{}", (max - min).length() as f32)));
@@ -100,6 +101,21 @@ fn world_bounds(cloud: &PointCloud) -> [DVec3; 2] {
     [cloud.origin + bounds.min.as_dvec3(), cloud.origin + bounds.max.as_dvec3()]
 }
 
+/// Decimals that offsets of this size can tell apart.
+fn decimals(cloud: &PointCloud) -> usize {
+    let bounds = cloud.bounds();
+    let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
+    let step = f64::from(largest.next_up() - largest);
+    (-step.log10()).floor().clamp(0.0, 30.0) as usize
+}
+
+/// A number with at most this many decimals, without zeros at the end.
+fn shortest(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let text = if decimals > 0 { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
 /// Name and type of everything a point has beside its position.
 fn attributes(cloud: &PointCloud) -> Vec<(String, &'static str)> {
     let mut found = Vec::new();
@@ -119,5 +135,21 @@ fn type_name(column: &Column) -> &'static str {
         Column::U32(_) => "u32",
         Column::F32(_) => "f32",
         Column::F64(_) => "f64",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nearfield::Vec3;
+
+    #[test]
+    fn coordinates_show_the_digits_they_have() {
+        let cloud = PointCloud::new(vec![Vec3::new(589.0, 0.0, 0.0)]); // steps of 2^-14 = 6.1e-5
+        assert_eq!(decimals(&cloud), 4);
+        assert_eq!(shortest(636_001.760_009_765_6, 4), "636001.76");
+        assert_eq!(shortest(-0.000_001, 4), "0");
+        assert_eq!(shortest(1200.0, 0), "1200");
+        assert_eq!(decimals(&PointCloud::new(vec![Vec3::ZERO])), 30);
     }
 }

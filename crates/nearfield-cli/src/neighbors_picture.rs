@@ -18,6 +18,8 @@ const BLUE: [u8; 3] = [70, 140, 255];
 const GREY: [u8; 3] = [120, 124, 130];
 /// The view around one query reaches this many radii.
 const VIEW: f32 = 5.0;
+/// Size of the balls there: separate ones are easier to count.
+const BALL: f32 = 0.7;
 
 /// The direction that is most likely up.
 pub(crate) fn guess_up(found: &Found<'_>, path: &Path, format: Option<Format>) -> Up {
@@ -69,8 +71,8 @@ pub(crate) fn draw(found: &Found<'_>, color: Color, up: Up, size: PictureSize) -
             scene.subtitle = format!("query {query} (green) has {} neighbours (blue)", found.shown_row.len());
             if found.queries.is_none() {
                 colors[query] = GREEN;
-                sizes = vec![1.0; points.len()];
-                sizes[query] = 2.0;
+                sizes = vec![BALL; points.len()];
+                sizes[query] = 1.6 * BALL;
             }
             let reach = VIEW * found.radius;
             focus = points.iter().copied().filter(|p| p.distance(center) <= reach).collect();

@@ -83,7 +83,7 @@ impl SearchSummary {
         json!({
             "points": self.points,
             "queries": self.queries,
-            "radius": self.radius,
+            "radius": shortest(self.radius),
             "neighbors_total": self.neighbors.total,
             "neighbors_mean": self.neighbors.mean,
             "neighbors_min": self.neighbors.min,
@@ -166,6 +166,11 @@ pub(crate) fn print(text: &str) -> Result<(), Failure> {
 /// Prints one JSON value on one line to standard output.
 pub(crate) fn print_json(value: &Value) -> Result<(), Failure> {
     print(&format!("{value}\n"))
+}
+
+/// The shortest number that is this f32: 0.1 rather than the 0.10000000149 it is as an f64.
+fn shortest(value: f32) -> Value {
+    json!(value.to_string().parse::<f64>().unwrap_or(f64::from(value)))
 }
 
 /// Microseconds are enough.

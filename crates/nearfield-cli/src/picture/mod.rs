@@ -72,7 +72,16 @@ pub(crate) fn draw(scene: &Scene<'_>, size: PictureSize) -> Image {
     };
     let focus = if scene.focus.is_empty() { scene.points } else { scene.focus };
     let camera = Camera::fitted(focus, scene.up, frame);
-    let layers = splat::draw(scene, &camera, width, height);
+    // What the view does not reach for may show at the edges, but not under the text.
+    let edge = 6.0 * unit;
+    let [left, top] = [frame.left - edge, frame.top - edge].map(|side| side.max(0.0));
+    let shown = Frame {
+        left,
+        top,
+        width: frame.left + frame.width + edge.min(frame.left) - left,
+        height: frame.top + frame.height + edge - top,
+    };
+    let layers = splat::draw(scene, &camera, shown, width, height);
     let mut image = shade::shaded(&layers, scene.colors, OVERSAMPLING as usize);
     legend::draw(&mut image, scene);
     image

@@ -1,11 +1,13 @@
 //! Points become small balls on a depth buffer, as large as their density on the picture asks for.
 
-use super::Scene;
 use super::camera::{Camera, Projected};
+use super::{Frame, Scene};
 
 /// Sides of the squares, in pixels, by which the covered area is estimated: the first that holds enough points.
 const SQUARES: [usize; 3] = [12, 24, 48];
 const ENOUGH: usize = 2;
+/// Radius over the mean spacing: closed surfaces show two layers at once, and gaps let the back shine through.
+const COVER: f32 = 1.3;
 /// Radii in pixels of the first drawing.
 const SMALLEST: f32 = 1.1;
 const LARGEST: f32 = 30.0;
@@ -24,7 +26,8 @@ pub(super) struct Layers {
     pub(super) light: Vec<u8>,
 }
 
-pub(super) fn draw(scene: &Scene<'_>, camera: &Camera, width: usize, height: usize) -> Layers {
+/// Draws the points whose centers lie in `frame`.
+pub(super) fn draw(scene: &Scene<'_>, camera: &Camera, frame: Frame, width: usize, height: usize) -> Layers {
     let n_pixels = width * height;
     let mut layers = Layers {
         width,
@@ -33,7 +36,10 @@ pub(super) fn draw(scene: &Scene<'_>, camera: &Camera, width: usize, height: usi
         point: vec![u32::MAX; n_pixels],
         light: vec![255; n_pixels],
     };
-    let inside = |p: &Projected| p.x >= 0.0 && p.y >= 0.0 && p.x < width as f32 && p.y < height as f32;
+    let inside = |p: &Projected| {
+        let (x, y) = (p.x - frame.left, p.y - frame.top);
+        x >= 0.0 && y >= 0.0 && x < frame.width && y < frame.height
+    };
     let seen: Vec<(u32, Projected)> = (0u32..)
         .zip(scene.points)
         .filter_map(|(i, &p)| camera.project(p).filter(inside).map(|seen| (i, seen)))
@@ -61,7 +67,7 @@ fn radius(seen: &[(u32, Projected)], width: usize, height: usize) -> f32 {
             break;
         }
     }
-    (1.05 * (area as f32 / seen.len().max(1) as f32).sqrt()).clamp(SMALLEST, LARGEST)
+    (COVER * (area as f32 / seen.len().max(1) as f32).sqrt()).clamp(SMALLEST, LARGEST)
 }
 
 impl Layers {
@@ -97,7 +103,6 @@ impl Layers {
 #[cfg(test)]
 mod tests {
     use super::super::camera::Up;
-    use super::super::{Frame, Scene};
     use super::*;
     use nearfield::Vec3;
 
@@ -120,7 +125,7 @@ mod tests {
                 title,
                 bar: None,
             };
-            let layers = draw(&scene, &camera, 100, 100);
+            let layers = draw(&scene, &camera, frame, 100, 100);
             let at = camera.project(center).unwrap();
             assert_eq!(layers.point[at.y as usize * 100 + at.x as usize], front);
         }
