@@ -226,6 +226,9 @@ pub(crate) fn run(args: &NeighborsArgs, common: &Common) -> Result<(), Failure> 
     drop(progress);
 
     notes.extend(answer.report.notes.iter().cloned());
+    if args.device == DeviceChoice::Auto && answer.report.notes.is_empty() && index.device().starts_with("cpu") {
+        notes.push("no hardware GPU was found; the CPU did the work".to_owned());
+    }
     let summary = SearchSummary {
         points: cloud.len() as u64,
         queries: n_queries as u64,

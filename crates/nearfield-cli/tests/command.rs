@@ -277,8 +277,11 @@ fn a_device_that_is_not_there_exits_with_69() {
     let folder = with_four("device");
     folder.fails("neighbors four.xyz -r 1 --device gpu:99", 69, "gpu:99");
     folder.fails("neighbors four.xyz -r 1 --device no-such-card", 69, "no-such-card");
-    // Only `auto` falls back.
-    folder.ok("neighbors four.xyz -r 1 --device auto");
+    // Only `auto` falls back, and says so; `cpu` has nothing to say.
+    let auto = folder.json("neighbors four.xyz -r 1 --device auto --json");
+    let fell_back = auto["device"].as_str().unwrap().starts_with("cpu");
+    assert_eq!(fell_back, auto["notes"].to_string().contains("the CPU did the work"), "{auto}");
+    assert_eq!(folder.json("neighbors four.xyz -r 1 --device cpu --json")["notes"], serde_json::json!([]));
 }
 
 #[test]
