@@ -65,7 +65,10 @@ pub(crate) fn parsed<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
 
 /// Parses a number (`nan` and `inf` included) or says on which line it is not one.
 pub(crate) fn number(format: &'static str, line: u64, word: &[u8], what: &str) -> Result<f64, FileError> {
-    parsed(word).ok_or_else(|| FileError::new(format, Place::Line(line), shown(word), format!("a number for {what}")))
+    parsed(word).ok_or_else(|| {
+        let what: String = what.chars().take(SHOWN).collect();
+        FileError::new(format, Place::Line(line), shown(word), format!("a number for {what}"))
+    })
 }
 
 /// A number in the shortest form that reads back as the same f64.
@@ -122,5 +125,7 @@ mod tests {
     fn long_pieces_are_cut_and_control_characters_escaped() {
         assert_eq!(shown(b"a\x00b"), "\"a\\0b\"");
         assert!(shown(&[b'x'; 5000]).chars().count() < 50);
+        let error = number("XYZ", 1, &[b'-'; 5000], &"column".repeat(1000)).unwrap_err();
+        assert!(error.to_string().len() < 200, "{error}");
     }
 }

@@ -69,7 +69,13 @@ impl<'a> Binary<'a> {
             }
             None => {
                 let found = format!("the end of the file after {} bytes", self.bytes.len());
-                Err(FileError::new(NAME, Place::Byte(self.at as u64), found, format!("{N} bytes of {name:?}")).into())
+                Err(FileError::new(
+                    NAME,
+                    Place::Byte(self.at as u64),
+                    found,
+                    format!("{N} bytes of {}", shown(name.as_bytes())),
+                )
+                .into())
             }
         }
     }
@@ -159,7 +165,9 @@ impl<'a> Ascii<'a> {
             Scalar::F32 => parsed::<f32>(word).map(f64::from),
             Scalar::F64 => parsed::<f64>(word),
         };
-        value.ok_or_else(|| self.error(shown(word), format!("a number of type {scalar:?} for {name:?}")).into())
+        value.ok_or_else(|| {
+            self.error(shown(word), format!("a number of type {scalar:?} for {}", shown(name.as_bytes()))).into()
+        })
     }
 }
 
@@ -167,7 +175,7 @@ impl Source for Ascii<'_> {
     fn scalar(&mut self, scalar: Scalar, name: &str) -> Result<f64> {
         match self.word() {
             Some(word) => self.value(word, scalar, name),
-            None => Err(self.error("the end of the line", format!("a value for {name:?}")).into()),
+            None => Err(self.error("the end of the line", format!("a value for {}", shown(name.as_bytes()))).into()),
         }
     }
 
@@ -177,7 +185,9 @@ impl Source for Ascii<'_> {
                 return self.value(word, scalar, name);
             }
             if !self.advance() {
-                return Err(self.error("the end of the file", format!("more values for {name:?}")).into());
+                return Err(self
+                    .error("the end of the file", format!("more values for {}", shown(name.as_bytes())))
+                    .into());
             }
         }
     }
@@ -186,7 +196,7 @@ impl Source for Ascii<'_> {
         if self.advance() {
             return Ok(());
         }
-        let found = format!("the end of the file after {record} of {:?}", element.name);
+        let found = format!("the end of the file after {record} of {}", shown(element.name.as_bytes()));
         Err(self.error(found, format!("{} of them, as line {} says", element.count, element.line)).into())
     }
 
@@ -194,7 +204,8 @@ impl Source for Ascii<'_> {
         match self.word() {
             None => Ok(()),
             Some(word) => {
-                let expected = format!("the end of the line after the properties of {:?}", element.name);
+                let expected =
+                    format!("the end of the line after the properties of {}", shown(element.name.as_bytes()));
                 Err(self.error(shown(word), expected).into())
             }
         }

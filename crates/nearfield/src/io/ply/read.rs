@@ -10,7 +10,7 @@ use super::header::{self, Element, Encoding, Header, Kind};
 use crate::error::{FileError, Place, Result};
 use crate::geometry::{Attribute, Column};
 use crate::io::colors;
-use crate::io::text::Lines;
+use crate::io::text::{Lines, shown};
 use crate::{PointCloud, TriMesh};
 
 /// All vertices with normals, colours and, as attributes, every other scalar.
@@ -137,18 +137,13 @@ fn cloud_from(element: &Element, columns: Vec<Values>) -> Result<PointCloud> {
             _ => None,
         })
         .collect();
-    let mut take = |names: &[&str]| -> Option<Column> {
-        let at = named.iter().position(|(name, _)| names.contains(&name.as_str()))?;
-        Some(named.remove(at).1)
-    };
-    let axes = ["x", "y", "z"].map(|axis| take(&[axis]));
-    let [Some(x), Some(y), Some(z)] = axes else {
+    let Some([x, y, z]) = take_vector(&mut named, ["x", "y", "z"]) else {
         // An element of no record may leave its properties out.
         if element.count == 0 {
             return Ok(PointCloud::default());
         }
         let found: Vec<&str> = element.properties.iter().map(|p| p.name.as_str()).collect();
-        let found = format!("vertex properties {}", crate::io::text::shown(found.join(" ").as_bytes()));
+        let found = format!("vertex properties {}", shown(found.join(" ").as_bytes()));
         return Err(FileError::new(NAME, Place::Line(element.line), found, "x, y and z among them").into());
     };
     let coordinates: Vec<DVec3> = vectors([&x, &y, &z]).collect();
@@ -156,14 +151,27 @@ fn cloud_from(element: &Element, columns: Vec<Values>) -> Result<PointCloud> {
     let mut cloud = PointCloud::from_world(&coordinates);
     drop(coordinates);
 
-    let normals = [take(&["nx", "normal_x"]), take(&["ny", "normal_y"]), take(&["nz", "normal_z"])];
-    if let [Some(x), Some(y), Some(z)] = &normals {
+    let normals = take_vector(&mut named, ["nx", "ny", "nz"])
+        .or_else(|| take_vector(&mut named, ["normal_x", "normal_y", "normal_z"]));
+    if let Some([x, y, z]) = &normals {
         cloud.normals = Some(vectors([x, y, z]).map(|n| n.as_vec3()).collect::<Vec<Vec3>>());
     }
     cloud.colors = take_colors(&mut named, cloud.len());
     let attribute = |(name, values)| Attribute { name, values };
     cloud.attributes = named.into_iter().map(attribute).collect();
     Ok(cloud)
+}
+
+/// Takes three columns out by their names, if all are there.
+fn take_vector(named: &mut Vec<(String, Column)>, names: [&str; 3]) -> Option<[Column; 3]> {
+    if names.iter().any(|wanted| named.iter().all(|(name, _)| name != wanted)) {
+        return None;
+    }
+    let mut take = |wanted: &str| {
+        let at = named.iter().position(|(name, _)| name == wanted)?;
+        Some(named.remove(at).1)
+    };
+    Some([take(names[0])?, take(names[1])?, take(names[2])?])
 }
 
 fn vectors(axes: [&Column; 3]) -> impl Iterator<Item = DVec3> {

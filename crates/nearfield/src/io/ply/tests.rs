@@ -110,6 +110,16 @@ fn a_sloppy_header_and_float_colours_are_read() {
 }
 
 #[test]
+fn an_incomplete_normal_or_colour_stays_an_attribute() {
+    let text = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+        property float nx\nproperty uchar red\nend_header\n1 2 3 0.5 7\n";
+    let cloud = read_cloud(text).unwrap();
+    let nx = Attribute { name: "nx".into(), values: Column::F32(vec![0.5]) };
+    let red = Attribute { name: "red".into(), values: Column::U8(vec![7]) };
+    assert_eq!((cloud.normals, cloud.colors, cloud.attributes), (None, None, vec![nx, red]));
+}
+
+#[test]
 fn invalid_coordinates_are_kept() {
     let text = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
         end_header\nnan 0 0\n0 -inf 1e999\n";
@@ -177,6 +187,17 @@ fn a_binary_file_cut_short_names_the_byte() {
         message.contains(&format!("at byte {}", full - 4)) && message.contains("4 bytes of \"quality\""),
         "{message}"
     );
+}
+
+#[test]
+fn an_error_stays_readable_whatever_the_names_in_the_file() {
+    let long = "x".repeat(100_000);
+    let header = format!("{XYZ}property list uchar int {long}\nelement {long} 7\nproperty int {long}\n");
+    for body in ["0 0 0\n", "0 0 0 1\n", "0 0 0 1 2 3\n", "0 0 0 0\n0 0 0 0\n0 0 0 0\n1\n2 2\n"] {
+        let padded = format!("{body}{}", "\n".repeat(100));
+        let message = message(&small(&header, &padded));
+        assert!(message.len() < 300, "{message}");
+    }
 }
 
 #[test]

@@ -180,21 +180,19 @@ impl Table {
         if n_numbers == 0 {
             return Header::from_names(line_number, separator.split(line)).table(format, separator);
         }
-        let header = match in_comment {
-            Some(header) => header,
-            None => {
-                let n_fields = separator.split(line).count();
-                if n_fields < 3 {
-                    let found = format!("{n_fields} columns in {}", shown(line));
-                    return Err(FileError::new(format, Place::Line(line_number), found, "at least x, y and z").into());
-                }
-                let named = |i: usize| match i {
-                    0..3 => Role::Position(i),
-                    _ => Role::Other(format!("column{}", i + 1)),
-                };
-                Header { line_number, roles: (0..n_fields.min(MAX_COLUMNS + 1)).map(named).collect() }
-            }
+        let n_fields = separator.split(line).count();
+        if n_fields < 3 {
+            let found = format!("{n_fields} columns in {}", shown(line));
+            return Err(FileError::new(format, Place::Line(line_number), found, "at least x, y and z").into());
+        }
+        let named = |i: usize| match i {
+            0..3 => Role::Position(i),
+            _ => Role::Other(format!("column{}", i + 1)),
         };
+        // A comment of another length only happens to mention x, y and z.
+        let header = in_comment
+            .filter(|header| header.roles.len() == n_fields)
+            .unwrap_or_else(|| Header { line_number, roles: (0..n_fields.min(MAX_COLUMNS + 1)).map(named).collect() });
         let mut table = header.table(format, separator)?;
         table.add(line_number, line)?;
         Ok(table)

@@ -19,7 +19,7 @@ fn message(bytes: &[u8]) -> String {
 
 #[test]
 fn every_separator_comment_and_line_end_gives_the_same_points() {
-    let texts: [&[u8]; 8] = [
+    let texts: [&[u8]; 9] = [
         b"1 2 3\n4 5 6\n",
         b"1\t2\t3\r\n4\t5\t6\r\n",
         b"1,2,3\n4, 5 ,6",
@@ -28,6 +28,7 @@ fn every_separator_comment_and_line_end_gives_the_same_points() {
         b"X,Y,Z\n1,2,3\n4,5,6\n",
         b"\xEF\xBB\xBF\"x\";\"y\";\"z\"\n1;2;3\n4;5;6\n",
         b"//X Y Z\n1.0 2e0 +3\n4 5. 6\n",
+        b"# the x y z of two points\n1 2 3\n4 5 6\n",
     ];
     for text in texts {
         let cloud = read("XYZ", text).unwrap();

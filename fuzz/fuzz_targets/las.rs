@@ -1,0 +1,6 @@
+//! LAS and LAZ files: the header says which.
+#![no_main]
+
+use nearfield::io::Format;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| nearfield_fuzz::read(bytes, Format::Las));
