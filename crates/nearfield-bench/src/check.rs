@@ -202,7 +202,8 @@ mod tests {
     fn planted_rows_and_offsets_are_caught() {
         let (expected, mut offsets, mut indices) = case();
         let first = indices[0];
-        indices[0] = if indices.contains(&1999) && !indices[..offsets[1] as usize].contains(&1999) { 1999 } else { 1998 };
+        indices[0] =
+            if indices.contains(&1999) && !indices[..offsets[1] as usize].contains(&1999) { 1999 } else { 1998 };
         assert!(expected.check_list(&offsets, &indices).is_err(), "a foreign index");
         indices[0] = indices[1];
         assert!(expected.check_list(&offsets, &indices).is_err(), "an index twice");

@@ -41,7 +41,11 @@ impl FromStr for Set {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self, Error> {
-        let wrong = || format!("{text:?} is not a set: expected uniform, shell or clustered and a number, such as uniform-1m or shell-100k");
+        let wrong = || {
+            format!(
+                "{text:?} is not a set: expected uniform, shell or clustered and a number, such as uniform-1m or shell-100k"
+            )
+        };
         let (kind, number) = text.rsplit_once('-').ok_or_else(wrong)?;
         let kind: CloudKind = kind.parse().map_err(|_| wrong())?;
         let (digits, unit) = match number.as_bytes().last() {

@@ -18,6 +18,7 @@ use crate::Result;
 use crate::measure::Effort;
 use crate::provenance::{Device, Machine};
 use crate::sets::Set;
+pub(crate) use on_gpu::device_points;
 use table::Table;
 
 /// Seconds after which an operation is not repeated again.

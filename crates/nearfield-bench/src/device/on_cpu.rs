@@ -12,13 +12,7 @@ use crate::measure::{Effort, Measured, repeat};
 use crate::sets::Set;
 
 /// Measures the set and hands over each row once its answer is checked.
-pub(super) fn measure(
-    set: &Set,
-    points: &[Vec3],
-    radius: f32,
-    effort: Effort,
-    mut add: impl FnMut(Row),
-) -> Result<()> {
+pub(super) fn measure(set: &Set, points: &[Vec3], radius: f32, effort: Effort, mut add: impl FnMut(Row)) -> Result<()> {
     let expected = Expected::of(points, radius)?;
     let (settings, question) = (GridSettings::for_radius(radius), FixedRadius::new(radius));
     let row = |operation, measured: Measured, structure_bytes| Row {

@@ -117,7 +117,7 @@ pub(crate) fn device_points(points: &[Vec3]) -> Vec<DevicePoint> {
 }
 
 /// The stages of a build on the device.
-pub(crate) fn build_stages(grid: &GpuUniformGrid) -> Vec<Stage> {
+fn build_stages(grid: &GpuUniformGrid) -> Vec<Stage> {
     NeighborSearch::build_stages(grid)
 }
 

@@ -78,10 +78,13 @@ impl Table {
     /// What was measured where, and the head of the table.
     pub(super) fn markdown_head(&self) -> String {
         let machine = &self.machine;
-        let peers = if is_gpu(machine) { GPU_MACHINE } else { CPU_MACHINE };
+        let (clock, peers) = match is_gpu(machine) {
+            true => ("the device's timestamps unless marked \"wall\"", GPU_MACHINE),
+            false => ("the wall clock, all threads", CPU_MACHINE),
+        };
         format!(
             "Device: {} (driver: {}; host: {}). Commit {COMMIT}.\n\
-             Median milliseconds by the device's timestamps unless marked \"wall\"; every answer is checked in the same run.\n\
+             Median milliseconds by {clock}; every answer is checked in the same run.\n\
              Targets and peers are for {peers}.\n\n\
              | set | operation | ms | fastest | wall ms | stages, ms | target | peers, ms | mean neighbours | structure MB | device peak MB |\n\
              | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
