@@ -5,7 +5,9 @@
 
 pub mod check;
 pub mod device;
+pub mod grid;
 pub mod measure;
+pub mod plots;
 pub mod provenance;
 pub mod sets;
 

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use nearfield_bench::{Result, device};
+use nearfield_bench::{Result, device, grid};
 
 /// Measure Nearfield on this machine.
 #[derive(Parser)]
@@ -17,11 +17,14 @@ struct Arguments {
 enum Command {
     /// Table of build, count and list on one device, beside the figures of other libraries.
     Device(device::Arguments),
+    /// The experiments of Accel on its uniform grid: CSV files, plots and claims
+    Grid(grid::Arguments),
 }
 
 fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Command::Device(arguments) => device::run(&arguments),
+        Command::Grid(arguments) => grid::run(&arguments),
     }
 }
 
