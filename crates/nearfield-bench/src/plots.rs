@@ -8,7 +8,7 @@ use plotters::prelude::*;
 
 use crate::{Error, Result};
 
-/// Colours that people with any colour vision tell apart (Okabe and Ito).
+/// Colours that people with any colour vision tell apart (after Okabe and Ito); the last is grey.
 const COLORS: [RGBColor; 8] = [
     RGBColor(213, 94, 0),
     RGBColor(0, 114, 178),
@@ -16,8 +16,8 @@ const COLORS: [RGBColor; 8] = [
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(86, 180, 233),
-    RGBColor(120, 120, 120),
-    RGBColor(60, 60, 60),
+    RGBColor(136, 34, 85),
+    RGBColor(130, 130, 130),
 ];
 const FONT: &str = "sans-serif";
 const MARGIN: u32 = 14;
@@ -56,6 +56,8 @@ pub struct Frame {
     pub y_label: String,
     /// Whether the axes are logarithmic.
     pub logarithmic: bool,
+    /// Whether the legend of lines stands on the right, for curves that fall.
+    pub legend_right: bool,
 }
 
 /// A bar of parts that are drawn as shares of their sum.
@@ -104,8 +106,11 @@ pub fn lines(path: &Path, frame: &Frame, panels: &[Panel]) -> Result<()> {
 pub fn shares(path: &Path, frame: &Frame, bars: &[Bar]) -> Result<()> {
     let root = SVGBackend::new(path, (210 * bars.len().max(2) as u32 + 250, 580)).into_drawing_area();
     let body = draw_frame(&root, frame)?;
+    // The bar with the most parts gives the order.
+    let mut in_order: Vec<&Bar> = bars.iter().collect();
+    in_order.sort_by_key(|bar| std::cmp::Reverse(bar.parts.len()));
     let mut names: Vec<&str> = Vec::new();
-    for (name, _) in bars.iter().flat_map(|b| &b.parts) {
+    for (name, _) in in_order.iter().flat_map(|b| &b.parts) {
         if !names.contains(&name.as_str()) {
             names.push(name);
         }
@@ -122,6 +127,7 @@ pub fn shares(path: &Path, frame: &Frame, bars: &[Bar]) -> Result<()> {
         .configure_mesh()
         .disable_x_mesh()
         .disable_x_axis()
+        .light_line_style(TRANSPARENT)
         .y_desc(&frame.y_label)
         .y_label_formatter(&|share| if *share > 100.5 { String::new() } else { format!("{share:.0}") })
         .label_style((FONT, 13))
@@ -180,7 +186,7 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// Fills the background, writes headline and caption, and returns the area between them.
 fn draw_frame<'a>(root: &Area<'a>, frame: &Frame) -> Result<Area<'a>> {
     root.fill(&WHITE).map_err(failed)?;
-    let body = root.titled(&frame.title, (FONT, 21)).map_err(failed)?;
+    let body = root.margin(10, 0, 0, 0).titled(&frame.title, (FONT, 21)).map_err(failed)?;
     let (_, height) = root.dim_in_pixel();
     let caption_height = CAPTION_LINE * frame.caption.len() as i32 + 8;
     for (line, text) in frame.caption.iter().enumerate() {
@@ -205,11 +211,11 @@ where
         .configure_mesh()
         .x_desc(&frame.x_label)
         .y_desc(&frame.y_label)
-        .x_label_formatter(&|x| short(*x))
-        .y_label_formatter(&|y| short(*y))
+        .x_label_formatter(&|x| tick(*x, frame.logarithmic))
+        .y_label_formatter(&|y| tick(*y, frame.logarithmic))
         .label_style((FONT, 13))
         .axis_desc_style((FONT, 15))
-        .light_line_style(BLACK.mix(0.04))
+        .light_line_style(TRANSPARENT)
         .bold_line_style(BLACK.mix(0.13))
         .draw()
         .map_err(failed)?;
@@ -219,9 +225,13 @@ where
         let drawn = chart.draw_series(line).map_err(failed)?;
         drawn.label(&series.name).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(3)));
     }
+    let legend = match frame.legend_right {
+        true => SeriesLabelPosition::UpperRight,
+        false => SeriesLabelPosition::UpperLeft,
+    };
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::UpperLeft)
+        .position(legend)
         .border_style(BLACK.mix(0.3))
         .background_style(WHITE.mix(0.85))
         .label_font((FONT, 13))
@@ -242,12 +252,19 @@ fn ranges(panel: &Panel, logarithmic: bool) -> Option<((f64, f64), (f64, f64))> 
     if logarithmic {
         return Some(((x.0 / 1.15, x.1 * 1.15), (y.0 / 1.5, y.1 * 4.0)));
     }
-    Some(((0.0, x.1 * 1.03), (0.0, y.1 * 1.25)))
+    Some(((0.0, x.1 * 1.03), (0.0, y.1 * 1.45)))
 }
 
 fn centered(size: u32, color: &RGBColor) -> TextStyle<'static> {
     use plotters::style::text_anchor::{HPos, Pos, VPos};
     (FONT, size).into_font().color(color).pos(Pos::new(HPos::Center, VPos::Center))
+}
+
+/// Label of a tick; on logarithmic axes only 1, 2 and 5 times a power of ten have one.
+fn tick(value: f64, logarithmic: bool) -> String {
+    let mantissa = value / 10f64.powf(value.max(f64::MIN_POSITIVE).log10().floor());
+    let labelled = [1.0, 2.0, 5.0, 10.0].iter().any(|m| (mantissa - m).abs() < 1e-6);
+    if logarithmic && !labelled { String::new() } else { short(value) }
 }
 
 /// A number with at most three digits and a unit prefix.
@@ -277,6 +294,14 @@ fn failed(error: impl std::fmt::Display) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn logarithmic_axes_label_few_ticks() {
+        let labelled: Vec<String> =
+            (1..=20).map(|i| tick(f64::from(i) * 0.1, true)).filter(|text| !text.is_empty()).collect();
+        assert_eq!(labelled, ["0.1", "0.2", "0.5", "1", "2"]);
+        assert_eq!(tick(0.3, false), "0.3");
+    }
 
     #[test]
     fn numbers_are_short() {

@@ -56,7 +56,7 @@ impl Machine {
 }
 
 /// The processor's model as the system gives it.
-fn processor() -> String {
+pub fn processor() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name"));
     match model {

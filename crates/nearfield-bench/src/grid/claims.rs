@@ -82,6 +82,12 @@ fn text(lab: &Lab, claims: &[Claim]) -> String {
     text.push_str(
         "\nWritten by `nearfield-bench grid` from the CSV files beside it; every answer was checked when it was timed.\n",
     );
+    if lab.gpu.as_ref().is_some_and(|gpu| !gpu.is_hardware_gpu()) {
+        text.push_str(
+            "The GPU of these rows is a software renderer on the cores of the CPU: they test the experiments and the counts, not \
+             what is said of GPUs.\n",
+        );
+    }
     for claim in claims {
         let (verdict, numbers) = match &claim.finding {
             Some((true, numbers)) => ("Held", numbers.as_str()),
@@ -246,11 +252,11 @@ fn memory_of_few(rows: &[Row], particles: Option<usize>) -> Option<(bool, String
     let (radius, bytes) = cpu?;
     let percent = |bytes: f64| 100.0 * bytes / (12.0 * n as f64);
     let (dense_radius, dense_bytes) = dense?;
-    let on_gpu = gpu.map_or_else(String::new, |(_, bytes)| format!(", on the GPU {} bytes", short(bytes)));
+    let on_gpu = gpu.map_or_else(String::new, |(_, bytes)| format!(", on the GPU {}B", short(bytes)));
     Some((
         percent(bytes) >= 50.0 && bytes <= 5.5e6,
         format!(
-            "the most is {} bytes or {:.0} % of the points (radius {}){on_gpu}; rows are hashed where cells are many, while a dense table needs {} bytes at radius {}",
+            "the most is {}B or {:.0} % of the points (radius {}){on_gpu}; rows are hashed where cells are many, while a dense table needs {}B at radius {}",
             short(bytes),
             percent(bytes),
             short(radius),
@@ -270,7 +276,7 @@ fn memory_of_many(rows: &[Row], particles: Option<usize>) -> Option<(bool, Strin
         (
             percent(most) <= 10.0,
             format!(
-                "{} to {} bytes, {:.0} to {:.0} % of the {} points; 4 bytes a point are the index that gives answers in the caller's numbers",
+                "{}B to {}B, {:.0} to {:.0} % of the {} points; 4 bytes a point are the index that gives answers in the caller's numbers",
                 short(least),
                 short(most),
                 percent(least),

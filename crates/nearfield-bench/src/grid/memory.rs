@@ -124,7 +124,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
         let curves = |scale: f64| {
             let series = |(number, method): (usize, &&str)| Series {
                 name: (*method).to_owned(),
-                color: [1, 3, 6][number],
+                color: [1, 3, 7][number],
                 points: extra(&rows, method, n).iter().map(|&(r, bytes)| (r, bytes * scale)).collect(),
             };
             METHODS.iter().enumerate().map(series).filter(|s| !s.points.is_empty()).collect::<Vec<_>>()
@@ -133,8 +133,9 @@ pub fn plot(lab: &Lab) -> Result<()> {
             title: format!("Memory the grid adds to {} particles ({size} set)", plots::short(n as f64)),
             caption: lab.caption("Bytes beyond 12 a particle; the particles fill a cube of edge 1."),
             x_label: "radius, edges of the cube".to_owned(),
-            y_label: "extra".to_owned(),
+            y_label: "extra memory".to_owned(),
             logarithmic: true,
+            legend_right: true,
         };
         let panels = [
             Panel { title: "extra megabytes".to_owned(), series: curves(1e-6) },

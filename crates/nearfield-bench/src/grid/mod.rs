@@ -27,7 +27,7 @@ use nearfield::geometry::generate::{CloudKind, cloud};
 use nearfield::gpu::{DeviceChoice, Gpu};
 
 use crate::measure::Effort;
-use crate::provenance::{COMMIT, Device, Machine};
+use crate::provenance::{COMMIT, Device, Machine, processor};
 use crate::sets::SEED;
 use crate::{Error, Result};
 use method::{Case, Method};
@@ -159,7 +159,7 @@ impl Lab {
         let gpu = self.gpu.as_ref().map_or("none".to_owned(), |gpu| format!("{} ({})", gpu.name, gpu.driver));
         vec![
             format!("GPU: {gpu}"),
-            format!("CPU: {}, {}", self.cpu.host, self.cpu.name),
+            format!("CPU: {}, {}", processor(), self.cpu.name),
             format!("Nearfield commit {COMMIT}, scale {}. {more}", self.scale),
         ]
     }

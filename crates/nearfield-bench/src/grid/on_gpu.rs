@@ -84,7 +84,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
     for (file, title, x_label, curves) in [
         (
             "gpu-particles.svg",
-            format!("GPU: brute force and grid around 10,000 particles, {NEIGHBORS:.0} neighbours"),
+            format!("GPU: brute force and grid around {middle} particles, {NEIGHBORS:.0} neighbours"),
             "particles",
             METHODS.map(|m| series(m, over_particles(&rows, m))),
         ),
@@ -101,6 +101,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
             x_label: x_label.to_owned(),
             y_label: "milliseconds on the device".to_owned(),
             logarithmic: true,
+            legend_right: false,
         };
         plots::lines(&lab.path(file), &frame, &[Panel { title: String::new(), series: curves.to_vec() }])?;
     }

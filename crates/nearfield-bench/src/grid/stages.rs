@@ -56,6 +56,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
         x_label: String::new(),
         y_label: "share of the wall clock, %".to_owned(),
         logarithmic: false,
+        legend_right: true,
     };
     plots::shares(&lab.path("stages.svg"), &frame, &bars)
 }

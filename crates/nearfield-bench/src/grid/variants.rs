@@ -49,7 +49,12 @@ pub fn plot(lab: &Lab) -> Result<()> {
     let zoomed: Vec<Method> = Method::ALL.into_iter().filter(|&m| m != Method::CpuBruteForce).collect();
     for (file, methods, logarithmic, title) in [
         ("variants.svg", &Method::ALL[..], true, "All neighbours of all particles: four variants"),
-        ("variants-zoom.svg", &zoomed[..], false, "The same without brute force on the CPU"),
+        (
+            "variants-zoom.svg",
+            &zoomed[..],
+            false,
+            "All neighbours of all particles, without brute force on the CPU (linear axes)",
+        ),
     ] {
         let panels = NEIGHBORS.map(|wanted| panel(&rows, methods, wanted, logarithmic));
         let frame = Frame {
@@ -58,6 +63,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
             x_label: "particles".to_owned(),
             y_label: "milliseconds".to_owned(),
             logarithmic,
+            legend_right: !logarithmic,
         };
         plots::lines(&lab.path(file), &frame, &panels)?;
     }
