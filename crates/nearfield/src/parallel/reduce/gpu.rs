@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 
 use crate::gpu::{Access, Bind, Buffer, Commands, DeviceElement, Gpu, Kernel, Pipeline, Workgroups};
-use crate::parallel::tile::{MAX_LEN, Parameters, WORKGROUP, check_holds, check_len};
+use crate::parallel::tile::{MAX_LEN, ParameterCache, WORKGROUP, check_holds, check_len};
 use crate::{Error, Result};
 
 /// Parts of the first stage: eight workgroups for each of 128 multiprocessors; more only lengthen the second stage.
@@ -35,7 +35,7 @@ type Stages = [Arc<Pipeline>; 2];
 /// Reductions of device arrays of up to 2³¹ elements.
 #[derive(Debug)]
 pub struct GpuReduce {
-    gpu: Gpu,
+    parameters: ParameterCache,
     sum: Stages,
     smallest: Stages,
     largest: Stages,
@@ -56,7 +56,7 @@ impl GpuReduce {
             pipelines(gpu, "package::parallel::reduce", ["reduce_values", "reduce_parts"], &features)
         };
         Ok(Self {
-            gpu: gpu.clone(),
+            parameters: ParameterCache::new(gpu),
             sum: stages(true, false, false)?,
             smallest: stages(false, true, false)?,
             largest: stages(false, false, false)?,
@@ -174,8 +174,7 @@ impl GpuReduce {
         check_holds(input, len)?;
         check_holds(result, 1)?;
         let n_parts = len.div_ceil(WORKGROUP as usize * ITEMS).min(MAX_PARTS);
-        let parameters: Parameters = [len as u32, n_parts as u32, 0, 0];
-        let parameters = self.gpu.uniform("reduce parameters", &parameters)?;
+        let parameters = self.parameters.uniform([len as u32, n_parts as u32, 0, 0])?;
         let parts = Bind::from(&self.parts);
         let [values, rest] = stages;
         // An empty buffer is too small to be bound as an array of points.

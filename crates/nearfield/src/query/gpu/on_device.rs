@@ -135,6 +135,9 @@ pub(super) fn list_on_device<S: GpuStructure>(
     question: &FixedRadius<'_>,
     accept: impl FnOnce(u64) -> Result<()>,
 ) -> Result<GpuNeighbors> {
+    if let (Some(ids), true) = (structure.ids(), super::row_masks::applies(structure, question)) {
+        return super::row_masks::list_on_device(structure, ids, question, accept);
+    }
     let gpu = structure.gpu();
     let n = question.len(structure.len());
     let mut report = visit::report(structure, "two-pass", &["package::query::count", "package::query::fill"]);
