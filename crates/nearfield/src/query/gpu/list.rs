@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::answers::{add_stages, count, in_batches};
 use super::batch::{halving, windows};
-use super::on_device::{GpuNeighbors, list_on_device, record_fill};
+use super::on_device::{GpuNeighbors, list_on_device, record_fill, report_two_passes};
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::gpu::shader::Fill;
 use crate::gpu::{Access, Bind, Buffer, Gpu};
@@ -67,7 +67,7 @@ fn batched_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> R
     let counts = counted.as_slice();
     let entries = counts.iter().map(|&c| u64::from(c)).sum();
     check_host_memory(structure, question, entries)?;
-    let mut report = visit::report(structure, "two-pass", &["package::query::count", "package::query::fill"]);
+    let mut report = report_two_passes(structure, question);
     report.stages = counted.report.stages.iter().filter(|s| s.name != "total").cloned().collect();
     let mut neighbors = Neighbors::default();
     let per_entry = if super::on_device::needs_distances(question) { 8 } else { 4 };

@@ -129,15 +129,27 @@ pub trait SearchOnDevice: GpuStructure {
 
 impl<S: GpuStructure> SearchOnDevice for S {}
 
+/// The report of a list by two passes, with the sort of its rows where they are ordered.
+pub(super) fn report_two_passes<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Report {
+    let mut report = visit::report(structure, "two-pass", &["package::query::count", "package::query::fill"]);
+    if question.order != RowOrder::Unspecified {
+        report.kernels.push("package::query::sort_rows".to_owned());
+    }
+    report
+}
+
 /// The two passes: count and scan, then fill. `accept` sees the number of entries before memory is taken for them.
 pub(super) fn list_on_device<S: GpuStructure>(
     structure: &S,
     question: &FixedRadius<'_>,
     accept: impl FnOnce(u64) -> Result<()>,
 ) -> Result<GpuNeighbors> {
+    if let (Some(ids), true) = (structure.ids(), super::row_masks::applies(structure, question)) {
+        return super::row_masks::list_on_device(structure, ids, question, accept);
+    }
     let gpu = structure.gpu();
     let n = question.len(structure.len());
-    let mut report = visit::report(structure, "two-pass", &["package::query::count", "package::query::fill"]);
+    let mut report = report_two_passes(structure, question);
     let queries = QueryBuffers::in_search_order(structure, question)?;
     let counts = gpu.buffer("neighbour counts", n)?;
     let offsets = gpu.buffer("row offsets", n + 1)?;

@@ -124,7 +124,8 @@ pub(super) fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>
     let mut accesses = vec![Access::Uniform, Access::Read, Access::Read];
     accesses.extend(structure.bindings().iter().map(|(access, _)| *access));
     let mut features = structure.features();
-    let mut all: Vec<(&str, bool)> = vec![("distances", false), ("by_index", false), ("hashed", false)];
+    let mut all: Vec<(&str, bool)> =
+        vec![("distances", false), ("by_index", false), ("hashed", false), ("masks", false)];
     all.extend(features.drain(..));
     all.extend_from_slice(visitor.features);
     let fills = [
