@@ -22,7 +22,8 @@ const SMALLEST_PART_BYTES: usize = 4096;
 pub trait DeviceElement: Pod {}
 impl<T: Pod> DeviceElement for T {}
 
-/// A device array of `len` elements with a name that errors use. Clones share the memory.
+/// A device array of `len` elements with a name that errors use, for use with the [`Gpu`] that made it and its clones.
+/// Clones share the memory.
 pub struct Buffer<T> {
     raw: wgpu::Buffer,
     len: usize,
@@ -38,6 +39,18 @@ pub(super) struct Accounted {
     bytes: u64,
     /// What is kept for later use; `None` while there is no buffer, and where it must not be used again.
     memory: OnceLock<(wgpu::Buffer, BufferUsages)>,
+}
+
+impl Accounted {
+    /// Checks that the buffer was made by this context. The driver's layer cannot: it numbers the objects of each
+    /// instance by themselves, and takes a foreign object for one of its own or panics.
+    pub(super) fn check_context(&self, gpu: &Gpu, operation: &str) -> Result<()> {
+        if Arc::ptr_eq(&self.gpu.inner, &gpu.inner) {
+            return Ok(());
+        }
+        let message = format!("a buffer on {} was used with another context, on {}", self.gpu.name(), gpu.name());
+        Err(Error::Device { operation: operation.to_owned(), message })
+    }
 }
 
 impl Drop for Accounted {
@@ -99,6 +112,11 @@ impl<T: DeviceElement> Buffer<T> {
     /// The name.
     pub fn label(&self) -> &'static str {
         self.label
+    }
+
+    /// Checks that the buffer is one of this context, where that is known.
+    fn check_context(&self, gpu: &Gpu) -> Result<()> {
+        self.accounted.as_ref().map_or(Ok(()), |accounted| accounted.check_context(gpu, self.label))
     }
 
     /// What keeps its memory counted.
@@ -186,7 +204,8 @@ impl Gpu {
     /// the last but at the end of the buffer.
     ///
     /// # Errors
-    /// `LengthMismatch` if it does not fit; `Unsupported` for parts of words; `OutOfDeviceMemory`, `DeviceLost`.
+    /// `LengthMismatch` if it does not fit; `Unsupported` for parts of words; `Device` for a buffer of another context;
+    /// `OutOfDeviceMemory`, `DeviceLost`.
     pub fn write<T: DeviceElement>(&self, buffer: &Buffer<T>, start: usize, data: &[T]) -> Result<()> {
         let end = start.saturating_add(data.len());
         if end > buffer.len() {
@@ -197,6 +216,7 @@ impl Gpu {
             });
         }
         self.check_lost()?;
+        buffer.check_context(self)?;
         if data.is_empty() {
             return Ok(());
         }
@@ -233,8 +253,8 @@ impl Gpu {
     /// Reads elements `range` of the buffer back, in parts where staging memory is short.
     ///
     /// # Errors
-    /// `LengthMismatch` if the range passes the end; `OutOfDeviceMemory` for the staging memory, `OutOfMemory`,
-    /// `DeviceLost`.
+    /// `LengthMismatch` if the range passes the end; `Device` for a buffer of another context; `OutOfDeviceMemory` for
+    /// the staging memory, `OutOfMemory`, `DeviceLost`.
     pub fn read_range<T: DeviceElement>(&self, buffer: &Buffer<T>, range: std::ops::Range<usize>) -> Result<Vec<T>> {
         if range.end > buffer.len() {
             let (found, expected) = (range.end as u64, buffer.len() as u64);
@@ -247,6 +267,7 @@ impl Gpu {
             available: 0,
         })?;
         self.check_lost()?;
+        buffer.check_context(self)?;
         let mut part = (PART_BYTES / size_of::<T>().max(1)).max(1);
         let mut start = range.start;
         while start < range.end {

@@ -184,10 +184,10 @@ impl Gpu {
     }
 
     /// Makes the `n`-th allocation from now (0 is the next) fail as if the device were full, once. For tests: software
-    /// adapters never report a full device by themselves.
+    /// adapters never report a full device by themselves. Returns whether the refusal asked for before is still to come.
     #[doc(hidden)]
-    pub fn refuse_allocation(&self, n: Option<u32>) {
-        self.inner.memory.refuse_in.store(n.map_or(-1, i64::from), Ordering::Relaxed);
+    pub fn refuse_allocation(&self, n: Option<u32>) -> bool {
+        self.inner.memory.refuse_in.swap(n.map_or(-1, i64::from), Ordering::Relaxed) >= 0
     }
 
     /// Marks the device as lost: every later wait returns `DeviceLost`.
@@ -235,6 +235,10 @@ impl Gpu {
         for scope in scopes.into_iter().rev() {
             let popped = pollster::block_on(scope.pop());
             error = error.or(popped);
+        }
+        if error.is_some() {
+            // A lost device first shows as objects that are not valid; its callback comes with a poll.
+            let _ = device.poll(wgpu::PollType::Poll);
         }
         self.check_lost()?;
         match error {
