@@ -31,12 +31,12 @@ mod on_gpu {
 
     use crate::Result;
     use crate::gpu::{Access, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
-    use crate::parallel::tile::{Parameters, RowScan, TILE, WORKGROUP, check_capacity, check_holds, check_len};
+    use crate::parallel::tile::{ParameterCache, RowScan, TILE, WORKGROUP, check_capacity, check_holds, check_len};
 
     /// A plan for compactions on the device.
     #[derive(Debug)]
     pub struct GpuCompact {
-        gpu: Gpu,
+        parameters: ParameterCache,
         capacity: usize,
         count_flags: Arc<Pipeline>,
         write_indices: Arc<Pipeline>,
@@ -55,7 +55,7 @@ mod on_gpu {
             let count = [Access::Uniform, Access::Read, Access::ReadWrite];
             let write = [Access::Uniform, Access::Read, Access::ReadWrite, Access::Read];
             Ok(Self {
-                gpu: gpu.clone(),
+                parameters: ParameterCache::new(gpu),
                 capacity,
                 count_flags: gpu.pipeline(&Kernel::new(module, "count_flags", &count, WORKGROUP))?,
                 write_indices: gpu.pipeline(&Kernel::new(module, "write_indices", &write, WORKGROUP))?,
@@ -83,8 +83,7 @@ mod on_gpu {
             check_holds(indices, len)?;
             check_holds(count, 1)?;
             let n_tiles = len.div_ceil(TILE);
-            let parameters: Parameters = [len as u32, n_tiles as u32, 0, 0];
-            let parameters = self.gpu.uniform("compaction parameters", &parameters)?;
+            let parameters = self.parameters.uniform([len as u32, n_tiles as u32, 0, 0])?;
             let workgroups = Workgroups::Count(n_tiles as u32);
             let bindings = [(&parameters).into(), flags.into(), (&self.tile_counts).into()];
             commands.dispatch(&self.count_flags, &bindings, workgroups.clone());

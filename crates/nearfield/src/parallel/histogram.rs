@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::chunk_len;
 use crate::{Error, Result};
 
-/// How often each value below `n_bins` occurs [n_bins + 1]; the last entry counts the values that are `n_bins` or
+/// How often each value below `n_bins` occurs `[n_bins + 1]`; the last entry counts the values that are `n_bins` or
 /// larger.
 ///
 /// # Errors
@@ -40,7 +40,7 @@ mod on_gpu {
 
     use crate::Result;
     use crate::gpu::{Access, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
-    use crate::parallel::tile::{MAX_LEN, Parameters, WORKGROUP, check_capacity, check_holds, check_len};
+    use crate::parallel::tile::{MAX_LEN, ParameterCache, WORKGROUP, check_capacity, check_holds, check_len};
 
     /// Most bins that a workgroup counts in its own memory, 8 KiB.
     const FEW_BINS: usize = 2048;
@@ -52,7 +52,7 @@ mod on_gpu {
     /// A plan for histograms of device arrays of up to 2³¹ values.
     #[derive(Debug)]
     pub struct GpuHistogram {
-        gpu: Gpu,
+        parameters: ParameterCache,
         n_bins: usize,
         clear: Arc<Pipeline>,
         count: Arc<Pipeline>,
@@ -73,7 +73,7 @@ mod on_gpu {
                 })
             };
             Ok(Self {
-                gpu: gpu.clone(),
+                parameters: ParameterCache::new(gpu),
                 n_bins,
                 clear: pipeline("clear_counts", 2)?,
                 count: pipeline("count_values", 3)?,
@@ -81,7 +81,7 @@ mod on_gpu {
         }
 
         /// Records how often each value below the number of bins occurs among the first `len` values into `counts`
-        /// [n_bins + 1]; the last entry counts the other values.
+        /// `[n_bins + 1]`; the last entry counts the other values.
         ///
         /// # Errors
         /// `TooMany` beyond 2³¹ values, `LengthMismatch` if a buffer is shorter, `OutOfDeviceMemory`.
@@ -96,8 +96,7 @@ mod on_gpu {
             check_holds(input, len)?;
             check_holds(counts, self.n_bins + 1)?;
             let n_parts = len.div_ceil(WORKGROUP as usize * ITEMS).min(MAX_PARTS);
-            let parameters: Parameters = [len as u32, self.n_bins as u32, n_parts as u32, 0];
-            let parameters = self.gpu.uniform("histogram parameters", &parameters)?;
+            let parameters = self.parameters.uniform([len as u32, self.n_bins as u32, n_parts as u32, 0])?;
             let bindings = [(&parameters).into(), counts.into(), input.into()];
             commands.dispatch(&self.clear, &bindings[..2], Workgroups::Covering(self.n_bins as u64 + 1));
             commands.dispatch(&self.count, &bindings, Workgroups::Count(n_parts as u32));

@@ -1,7 +1,7 @@
 //! Array primitives on the CPU and on the GPU: scan, reduce, histogram, compaction and sorting.
 //!
 //! The CPU functions use all threads of the current rayon pool. The GPU types are plans: made once for a largest
-//! length, they hold their scratch memory and pipelines and record their dispatches into [`crate::gpu::Commands`]
+//! length, they hold their scratch memory and pipelines and record their dispatches into `gpu::Commands`
 //! without waiting, so that whole builds are one submission. A plan may be recorded any number of times, but its
 //! scratch memory is shared: recordings take effect in the order in which they are submitted.
 //!

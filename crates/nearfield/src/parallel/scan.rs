@@ -10,7 +10,7 @@ use super::chunk_len;
 /// Chunks below this length cost more to hand out than to scan.
 const SMALLEST_CHUNK: usize = 16_384;
 
-/// Sums modulo 2³² of the values before each place [n], and the exact sum of all values.
+/// Sums modulo 2³² of the values before each place `[n]`, and the exact sum of all values.
 ///
 /// The sums are exact where the total is below 2³².
 pub fn exclusive(values: &[u32]) -> (Vec<u32>, u64) {
@@ -29,7 +29,7 @@ pub fn exclusive(values: &[u32]) -> (Vec<u32>, u64) {
     (scanned, total)
 }
 
-/// CSR offsets of rows with these lengths: exact 64-bit sums of the values before each place, and of all [n + 1].
+/// CSR offsets of rows with these lengths: exact 64-bit sums of the values before each place, and of all `[n + 1]`.
 pub fn exclusive_u64(values: &[u32]) -> Vec<u64> {
     let chunk = chunk_len(values.len(), SMALLEST_CHUNK);
     let sums: Vec<u64> = values.par_chunks(chunk).map(|c| c.iter().map(|&v| u64::from(v)).sum()).collect();
@@ -70,12 +70,12 @@ mod on_gpu {
 
     use crate::Result;
     use crate::gpu::{Access, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
-    use crate::parallel::tile::{Parameters, RowScan, TILE, WORKGROUP, check_capacity, check_holds, check_len};
+    use crate::parallel::tile::{ParameterCache, RowScan, TILE, WORKGROUP, check_capacity, check_holds, check_len};
 
     /// A plan for exclusive scans of u32 arrays on the device.
     #[derive(Debug)]
     pub struct GpuScan {
-        gpu: Gpu,
+        parameters: ParameterCache,
         capacity: usize,
         reduce_tiles: Arc<Pipeline>,
         scan_tiles: Arc<Pipeline>,
@@ -95,7 +95,7 @@ mod on_gpu {
             let reduce = [Access::Uniform, Access::Read, Access::ReadWrite];
             let scan = [Access::Uniform, Access::Read, Access::ReadWrite, Access::Read];
             Ok(Self {
-                gpu: gpu.clone(),
+                parameters: ParameterCache::new(gpu),
                 capacity,
                 reduce_tiles: gpu.pipeline(&Kernel::new(module, "reduce_tiles", &reduce, WORKGROUP))?,
                 scan_tiles: gpu.pipeline(&Kernel::new(module, "scan_tiles", &scan, WORKGROUP))?,
@@ -126,8 +126,8 @@ mod on_gpu {
             let n_out = output.len().min(len + 1);
             let n_tiles = n_out.div_ceil(TILE);
             let has_prefixes = n_tiles > 1;
-            let parameters: Parameters = [len as u32, n_out as u32, n_tiles as u32, u32::from(has_prefixes)];
-            let parameters = self.gpu.uniform("scan parameters", &parameters)?;
+            let parameters =
+                self.parameters.uniform([len as u32, n_out as u32, n_tiles as u32, u32::from(has_prefixes)])?;
             let workgroups = Workgroups::Count(n_tiles as u32);
             if has_prefixes {
                 let bindings = [(&parameters).into(), input.into(), (&self.tile_sums).into()];

@@ -1,6 +1,7 @@
-//! What the GPU primitives share: tile sizes, checked lengths, and the scan of short rows in place.
+//! What the GPU primitives share: tile sizes, checked lengths, parameters, and the scan of short rows in place.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::gpu::{Access, Buffer, Commands, DeviceElement, Gpu, Kernel, Pipeline, Workgroups};
 use crate::{Error, Result};
@@ -14,6 +15,37 @@ pub(super) const MAX_LEN: usize = 1 << 31;
 
 /// Parameters of a kernel: four words, as uniforms are read in units of 16 bytes.
 pub(super) type Parameters = [u32; 4];
+
+/// The uniform buffers of a plan. Parameters repeat from one recording to the next while lengths stay the same; a new
+/// buffer costs more time on the host than the recording of its dispatch.
+#[derive(Debug)]
+pub(super) struct ParameterCache {
+    gpu: Gpu,
+    known: Mutex<HashMap<Parameters, Buffer<Parameters>>>,
+}
+
+impl ParameterCache {
+    /// Entries kept; lengths that keep changing must not pile up.
+    const MOST: usize = 64;
+
+    pub(super) fn new(gpu: &Gpu) -> Self {
+        Self { gpu: gpu.clone(), known: Mutex::default() }
+    }
+
+    /// A uniform buffer that holds `parameters` and is never written again.
+    pub(super) fn uniform(&self, parameters: Parameters) -> Result<Buffer<Parameters>> {
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(buffer) = known.get(&parameters) {
+            return Ok(buffer.clone());
+        }
+        let buffer = self.gpu.uniform("parameters of an array primitive", &parameters)?;
+        if known.len() >= Self::MOST {
+            known.clear();
+        }
+        known.insert(parameters, buffer.clone());
+        Ok(buffer)
+    }
+}
 
 /// Checks the length that a plan is made for.
 pub(super) fn check_capacity(what: &'static str, capacity: usize) -> Result<()> {
@@ -40,7 +72,7 @@ pub(super) fn check_holds<T: DeviceElement>(buffer: &Buffer<T>, len: usize) -> R
 /// Exclusive scans of the rows of a table in place, a workgroup a row.
 #[derive(Debug)]
 pub(super) struct RowScan {
-    gpu: Gpu,
+    parameters: ParameterCache,
     pipeline: Arc<Pipeline>,
 }
 
@@ -48,7 +80,7 @@ impl RowScan {
     pub(super) fn new(gpu: &Gpu) -> Result<Self> {
         let bindings = [Access::Uniform, Access::ReadWrite, Access::ReadWrite];
         let kernel = Kernel::new("package::parallel::scan_rows", "scan_rows", &bindings, WORKGROUP);
-        Ok(Self { gpu: gpu.clone(), pipeline: gpu.pipeline(&kernel)? })
+        Ok(Self { parameters: ParameterCache::new(gpu), pipeline: gpu.pipeline(&kernel)? })
     }
 
     /// Scans `n_rows` rows of `row_len` values of `table`; the sum of row i goes to `totals[i]`.
@@ -60,8 +92,7 @@ impl RowScan {
         n_rows: usize,
         row_len: usize,
     ) -> Result<()> {
-        let parameters: Parameters = [row_len as u32, n_rows as u32, 0, 0];
-        let parameters = self.gpu.uniform("row scan parameters", &parameters)?;
+        let parameters = self.parameters.uniform([row_len as u32, n_rows as u32, 0, 0])?;
         let bindings = [(&parameters).into(), table.into(), totals.into()];
         commands.dispatch(&self.pipeline, &bindings, Workgroups::Count(n_rows as u32));
         Ok(())

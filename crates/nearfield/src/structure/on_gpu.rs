@@ -28,6 +28,12 @@ pub trait GpuStructure: Sync {
     /// `[n]` the points in the structure's order.
     fn points(&self) -> &Buffer<DevicePoint>;
 
+    /// `[n]` the caller's indices in the structure's order, where the traversal can hand over masks of 32 candidates
+    /// (feature `masks`, visitors with `visit_mask`).
+    fn ids(&self) -> Option<&Buffer<u32>> {
+        None
+    }
+
     /// Module that holds `fn traverse(query: Query, state: ptr<function, State>)`.
     fn traverse_module(&self) -> &'static str;
 

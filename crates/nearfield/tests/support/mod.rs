@@ -13,7 +13,7 @@ use libtest_mimic::{Failed, Trial};
 use nearfield::gpu::{AdapterKind, DeviceChoice, Gpu};
 
 /// The device of this process, opened at first use; why there is none otherwise.
-pub fn gpu() -> Result<&'static Gpu, &'static str> {
+pub(crate) fn gpu() -> Result<&'static Gpu, &'static str> {
     static DEVICE: OnceLock<Result<Gpu, String>> = OnceLock::new();
     let device = DEVICE.get_or_init(|| {
         let asked = std::env::var("NEARFIELD_TEST_DEVICE").unwrap_or_else(|_| "gpu".to_owned());
@@ -35,7 +35,7 @@ pub fn gpu() -> Result<&'static Gpu, &'static str> {
 }
 
 /// A test that needs the GPU: counted as ignored where there is none, or failed with `NEARFIELD_REQUIRE_GPU=1`.
-pub fn gpu_trial(name: impl Into<String>, test: impl FnOnce(&Gpu) + Send + 'static) -> Trial {
+pub(crate) fn gpu_trial(name: impl Into<String>, test: impl FnOnce(&Gpu) + Send + 'static) -> Trial {
     let required = std::env::var_os("NEARFIELD_REQUIRE_GPU").is_some_and(|v| v == "1");
     let skipped = gpu().is_err() && !required;
     let body = move || -> Result<(), Failed> {
@@ -46,7 +46,7 @@ pub fn gpu_trial(name: impl Into<String>, test: impl FnOnce(&Gpu) + Send + 'stat
 }
 
 /// A test that runs everywhere.
-pub fn trial(name: impl Into<String>, test: impl FnOnce() + Send + 'static) -> Trial {
+pub(crate) fn trial(name: impl Into<String>, test: impl FnOnce() + Send + 'static) -> Trial {
     let body = move || -> Result<(), Failed> {
         test();
         Ok(())
@@ -55,16 +55,16 @@ pub fn trial(name: impl Into<String>, test: impl FnOnce() + Send + 'static) -> T
 }
 
 /// Whether cases that take a software adapter minutes are to run.
-pub fn long_cases(gpu: &Gpu) -> bool {
+pub(crate) fn long_cases(gpu: &Gpu) -> bool {
     gpu.kind() != AdapterKind::Software || std::env::var_os("NEARFIELD_LONG").is_some_and(|v| v == "1")
 }
 
 /// Reproducible random numbers (SplitMix64).
-pub struct Random(pub u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
     /// The next 64 bits.
-    pub fn bits(&mut self) -> u64 {
+    pub(crate) fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -73,17 +73,17 @@ impl Random {
     }
 
     /// The next u32.
-    pub fn word(&mut self) -> u32 {
+    pub(crate) fn word(&mut self) -> u32 {
         (self.bits() >> 32) as u32
     }
 
     /// The next number below `n`.
-    pub fn below(&mut self, n: u32) -> u32 {
-        (u64::from(self.word()) * u64::from(n) >> 32) as u32
+    pub(crate) fn below(&mut self, n: u32) -> u32 {
+        ((u64::from(self.word()) * u64::from(n)) >> 32) as u32
     }
 
     /// The next number from 0 to below 1.
-    pub fn unit(&mut self) -> f32 {
+    pub(crate) fn unit(&mut self) -> f32 {
         (self.word() >> 8) as f32 / (1u32 << 24) as f32
     }
 }

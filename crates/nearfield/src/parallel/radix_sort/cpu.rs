@@ -89,7 +89,7 @@ pub fn sort_pairs(keys: &mut Vec<u32>, values: &mut Vec<u32>, bits: Range<u32>) 
 
 /// Groups the indices of `keys` by key, for keys below a small `n_keys` (up to some thousands).
 ///
-/// Returns the start of each group [n_keys + 1] and the indices [n], ascending within a group.
+/// Returns the start of each group `[n_keys + 1]` and the indices `[n]`, ascending within a group.
 ///
 /// # Errors
 /// `TooMany` for a key that is not below `n_keys`, and beyond 2³² - 1 keys.

@@ -1,14 +1,17 @@
 //! Fixed-radius queries over any GPU structure: one kernel, filled with the structure's traversal and a visitor.
 //!
 //! `visit` runs a visitor; `answers` are count and nearest; `list` is the list with its batches; `on_device` leaves
-//! answers there; `visitor` takes a caller's own WGSL.
+//! answers there; `row_masks` is the fast way to write rows; `visitor` takes a caller's own WGSL.
 
 mod answers;
 mod batch;
 mod list;
 mod on_device;
+mod row_masks;
 mod visit;
 mod visitor;
 
 pub use on_device::{GpuNeighbors, SearchOnDevice};
+#[doc(hidden)]
+pub use visit::Batch;
 pub use visitor::{ForEachOnDevice, Visitor};

@@ -24,6 +24,7 @@ pub struct GpuUniformGrid {
     pub(super) layout: GridLayout,
     layout_buffer: Buffer<GridLayout>,
     points: Buffer<DevicePoint>,
+    ids: Buffer<u32>,
     starts: Buffer<u32>,
     period: Period,
     stages: Vec<BuildStage>,
@@ -90,6 +91,7 @@ pub struct GridBuilder {
     sort: GpuRadixSort,
     scan: GpuScan,
     keys: Buffer<u32>,
+    sorted_keys: Buffer<u32>,
     order: Buffer<u32>,
     counts: Buffer<u32>,
 }
@@ -103,8 +105,8 @@ impl GridBuilder {
         settings.validate()?;
         let layout = GridLayout::new(n_points as u32, bounds, settings);
         let features = features(&layout, settings.period, true);
-        let compute = [Access::Uniform, Access::Read, Access::ReadWrite, Access::ReadWrite, Access::ReadWrite];
-        let gather = [Access::Uniform, Access::Read, Access::Read, Access::ReadWrite];
+        let compute = [Access::Uniform, Access::Read, Access::ReadWrite, Access::ReadWrite];
+        let gather = [Access::Uniform, Access::Read, Access::Read, Access::ReadWrite, Access::ReadWrite];
         let constants = [("WORKGROUP", f64::from(WORKGROUP))];
         let kernel = |entry, bindings| Kernel {
             features: &features,
@@ -119,6 +121,7 @@ impl GridBuilder {
             sort: GpuRadixSort::new(gpu, n_points)?,
             scan: GpuScan::new(gpu, layout.table_size as usize)?,
             keys: gpu.buffer("table entries of points", n_points)?,
+            sorted_keys: gpu.buffer("sorted table entries", n_points)?,
             order: gpu.buffer("order of points", n_points)?,
             counts: gpu.buffer("points of table entries", layout.table_size as usize)?,
             gpu: gpu.clone(),
@@ -132,9 +135,10 @@ impl GridBuilder {
     /// `LengthMismatch` for another number of points, `OutOfDeviceMemory`, `DeviceLost`.
     pub fn build(&mut self, points: &Buffer<DevicePoint>) -> Result<GpuUniformGrid> {
         let sorted = self.gpu.buffer("sorted points", points.len())?;
+        let ids = self.gpu.buffer("indices of sorted points", points.len())?;
         let starts = self.gpu.buffer("grid table", self.layout.table_size as usize + 1)?;
         let mut commands = self.gpu.commands("uniform grid build");
-        self.record(&mut commands, points, &sorted, &starts)?;
+        self.record(&mut commands, points, (&sorted, &ids), &starts)?;
         let stages = commands.run()?;
         let stage = |t: &crate::gpu::StageTime| {
             Some(BuildStage { name: t.name, milliseconds: t.milliseconds?, on_device: true })
@@ -144,6 +148,7 @@ impl GridBuilder {
             layout: self.layout,
             layout_buffer: self.layout_buffer.clone(),
             points: sorted,
+            ids,
             starts,
             period: self.period,
             stages: stages.iter().filter_map(stage).collect(),
@@ -158,7 +163,7 @@ impl GridBuilder {
         &self,
         commands: &mut Commands,
         points: &Buffer<DevicePoint>,
-        sorted: &Buffer<DevicePoint>,
+        (sorted, ids): (&Buffer<DevicePoint>, &Buffer<u32>),
         starts: &Buffer<u32>,
     ) -> Result<()> {
         let n = self.layout.n_points as usize;
@@ -170,14 +175,15 @@ impl GridBuilder {
         let layout: Bind = (&self.layout_buffer).into();
         commands.stage("entries").clear(&self.counts).dispatch(
             &self.compute_entries,
-            &[layout.clone(), points.into(), (&self.keys).into(), (&self.order).into(), (&self.counts).into()],
+            &[layout.clone(), points.into(), (&self.keys).into(), (&self.counts).into()],
             covering.clone(),
         );
         commands.stage("sort");
-        self.sort.record(commands, &self.keys, &self.order, n, 0..self.layout.key_bits())?;
+        let bits = 0..self.layout.key_bits();
+        self.sort.record_from(commands, &self.keys, None, &self.sorted_keys, &self.order, n, bits)?;
         commands.stage("gather").dispatch(
             &self.gather_points,
-            &[layout, points.into(), (&self.order).into(), sorted.into()],
+            &[layout, points.into(), (&self.order).into(), sorted.into(), ids.into()],
             covering,
         );
         commands.stage("table");
@@ -204,6 +210,10 @@ impl GpuStructure for GpuUniformGrid {
         &self.points
     }
 
+    fn ids(&self) -> Option<&Buffer<u32>> {
+        Some(&self.ids)
+    }
+
     fn traverse_module(&self) -> &'static str {
         "package::structure::uniform_grid::traverse"
     }
@@ -226,8 +236,8 @@ impl GpuStructure for GpuUniformGrid {
         let layout = GridLayout { n_points: queries.len() as u32, ..self.layout };
         let layout_buffer = self.gpu.uniform("grid layout of the queries", &layout)?;
         let features = features(&layout, self.period, false);
-        let compute = [Access::Uniform, Access::Read, Access::ReadWrite, Access::ReadWrite, Access::ReadWrite];
-        let gather = [Access::Uniform, Access::Read, Access::Read, Access::ReadWrite];
+        let compute = [Access::Uniform, Access::Read, Access::ReadWrite, Access::ReadWrite];
+        let gather = [Access::Uniform, Access::Read, Access::Read, Access::ReadWrite, Access::ReadWrite];
         let constants = [("WORKGROUP", f64::from(WORKGROUP))];
         let kernel = |entry, bindings| Kernel {
             features: &features,
@@ -235,20 +245,23 @@ impl GpuStructure for GpuUniformGrid {
             ..Kernel::new("package::structure::uniform_grid::build", entry, bindings, WORKGROUP)
         };
         let n = queries.len();
-        let (keys, order) = (self.gpu.buffer("query entries", n)?, self.gpu.buffer("query order", n)?);
-        let (sorted, unused) = (self.gpu.buffer("sorted queries", n)?, self.gpu.buffer::<u32>("unused", 1)?);
+        let keys = self.gpu.buffer("query entries", n)?;
+        let sorted_keys = self.gpu.buffer("sorted query entries", n)?;
+        let order = self.gpu.buffer("query order", n)?;
+        let sorted = self.gpu.buffer("sorted queries", n)?;
+        let ids = self.gpu.buffer::<u32>("indices of sorted queries", n)?;
         let sort = GpuRadixSort::new(&self.gpu, n)?;
         let covering = Workgroups::Covering(n as u64);
         let mut commands = self.gpu.commands("sort queries");
         commands.dispatch(
             &self.gpu.pipeline(&kernel("compute_entries", &compute))?,
-            &[(&layout_buffer).into(), (&input).into(), (&keys).into(), (&order).into(), (&unused).into()],
+            &[(&layout_buffer).into(), (&input).into(), (&keys).into(), (&ids).into()],
             covering.clone(),
         );
-        sort.record(&mut commands, &keys, &order, n, 0..layout.key_bits())?;
+        sort.record_from(&mut commands, &keys, None, &sorted_keys, &order, n, 0..layout.key_bits())?;
         commands.dispatch(
             &self.gpu.pipeline(&kernel("gather_points", &gather))?,
-            &[(&layout_buffer).into(), (&input).into(), (&order).into(), (&sorted).into()],
+            &[(&layout_buffer).into(), (&input).into(), (&order).into(), (&sorted).into(), (&ids).into()],
             covering,
         );
         commands.submit()?;
@@ -260,6 +273,6 @@ impl GpuStructure for GpuUniformGrid {
     }
 
     fn memory_bytes(&self) -> u64 {
-        self.points.bytes() + self.starts.bytes() + self.layout_buffer.bytes()
+        self.points.bytes() + self.ids.bytes() + self.starts.bytes() + self.layout_buffer.bytes()
     }
 }

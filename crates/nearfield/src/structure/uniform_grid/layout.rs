@@ -11,17 +11,17 @@ use crate::geometry::Aabb;
 /// Most cells on one axis: every cell number is exact in f32.
 const MAX_CELLS: f32 = (1 << 24) as f32;
 /// A dense table has at most this many entries a point.
-const DENSE_ENTRIES_PER_POINT: u64 = 4;
+const DENSE_ENTRIES_PER_POINT: u64 = 8;
 /// Part of the radius added before cells are chosen. A point with d² ≤ r² in f32 lies within r·(1 + 2⁻²²) on each
 /// axis, whatever the compiler fuses.
-const RADIUS_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
+pub const RADIUS_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 /// Length added before cells are chosen: differences below it have a square that a device may flush to zero.
-const LENGTH_SLACK: f32 = 2e-19;
+pub const LENGTH_SLACK: f32 = 2e-19;
 /// Part of the period added on a periodic axis, for the rounding of the wrap.
-const PERIOD_SLACK: f32 = 1.0 / (1 << 20) as f32;
+pub const PERIOD_SLACK: f32 = 1.0 / (1 << 20) as f32;
 /// Part of the distances of query and points from the origin added on a periodic axis: differences of points many
 /// periods apart are rounded before they are wrapped (six roundings of 2⁻²⁴ at most).
-const WRAP_SLACK: f32 = 1.0 / (1 << 21) as f32;
+pub const WRAP_SLACK: f32 = 1.0 / (1 << 21) as f32;
 
 /// Geometry of a grid, in the bytes of the kernels' uniform.
 #[repr(C)]
@@ -65,22 +65,29 @@ impl GridLayout {
         let extent = Vec3::select(lengths.cmpgt(Vec3::ZERO), lengths, bounds.extent());
         let origin = if empty { Vec3::ZERO } else { bounds.min };
         let size = cell_size(n_points, extent, settings.cell_size);
-        let size = Vec3::new(size / settings.refine_x as f32, size, size);
-        let (mut cells, mut inverse_cell) = ([1; 3], [0.0; 3]);
-        for axis in 0..3 {
-            // Cells grow where there would be too many to count exactly.
-            let size = size[axis].max(extent[axis] / (0.5 * MAX_CELLS));
-            if lengths[axis] > 0.0 {
-                let count = (extent[axis] / size).floor().clamp(1.0, MAX_CELLS);
-                cells[axis] = count as u32;
-                inverse_cell[axis] = count / lengths[axis];
-            } else if extent[axis] > 0.0 && !empty {
-                inverse_cell[axis] = (1.0 / size).min(f32::MAX);
-                cells[axis] = (extent[axis] * inverse_cell[axis]).floor().clamp(0.0, MAX_CELLS - 1.0) as u32 + 1;
+        let cut = |refine_x: u32| {
+            let size = Vec3::new(size / refine_x as f32, size, size);
+            let (mut cells, mut inverse_cell) = ([1; 3], [0.0; 3]);
+            for axis in 0..3 {
+                // Cells grow where there would be too many to count exactly.
+                let size = size[axis].max(extent[axis] / (0.5 * MAX_CELLS));
+                if lengths[axis] > 0.0 {
+                    let count = (extent[axis] / size).floor().clamp(1.0, MAX_CELLS);
+                    cells[axis] = count as u32;
+                    inverse_cell[axis] = count / lengths[axis];
+                } else if extent[axis] > 0.0 && !empty {
+                    inverse_cell[axis] = (1.0 / size).min(f32::MAX);
+                    cells[axis] = (extent[axis] * inverse_cell[axis]).floor().clamp(0.0, MAX_CELLS - 1.0) as u32 + 1;
+                }
             }
-        }
-        let dense = cells.iter().fold(1u64, |product, &c| product.saturating_mul(u64::from(c)));
-        let hashed = dense > (DENSE_ENTRIES_PER_POINT * u64::from(n_points)).max(4096);
+            (cells, inverse_cell, cells.iter().fold(1u64, |product, &c| product.saturating_mul(u64::from(c))))
+        };
+        // The finest cells along x whose table is still dense; if none is, the finest.
+        let dense_limit = (DENSE_ENTRIES_PER_POINT * u64::from(n_points)).max(4096);
+        let finest = (1..=settings.refine_x).rev().map(cut);
+        let dense = finest.clone().find(|(_, _, entries)| *entries <= dense_limit);
+        let hashed = dense.is_none();
+        let (cells, inverse_cell, dense) = dense.unwrap_or_else(|| cut(settings.refine_x));
         let table_size = if hashed { (2 * u64::from(n_points)).next_power_of_two().min(1 << 31) } else { dense };
         Self {
             origin: origin.to_array(),

@@ -10,7 +10,7 @@
 //! hashed instead of cells; any domain, negative coordinates and periodic axes; no cap on neighbours; cells need not
 //! be as large as the radius.
 //!
-//! Cost: 16 bytes a point and 4 bytes a table entry (at most 4 entries a point); the build sorts n keys.
+//! Cost: 16 bytes a point and 4 bytes a table entry (at most 8 entries a point); the build sorts n keys.
 //! Use it for one radius, or radii of one order of magnitude. A radius far above the cell size makes many rows a query;
 //! strongly clustered points make long runs.
 //!
@@ -30,4 +30,6 @@ pub use cpu::UniformGrid;
 #[cfg(feature = "gpu")]
 pub use gpu::{GpuUniformGrid, GridBuilder};
 pub use layout::GridLayout;
+#[doc(hidden)]
+pub use layout::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 pub use settings::GridSettings;

@@ -11,7 +11,8 @@ use crate::{Error, Result};
 pub struct GridSettings {
     /// Edge length of a cell; a query of that radius touches 3 × 3 rows. 0 lets the build choose by density.
     pub cell_size: f32,
-    /// Cells along x are this many times shorter than `cell_size`: runs are cut closer to the ball. 1 to 8.
+    /// Cells along x are up to this many times shorter than `cell_size`, as far as the table stays small: runs are cut
+    /// closer to the ball. 1 to 8.
     pub refine_x: u32,
     /// Where the points lie, if known: saves finding out. Points outside stay exact, only slower to search; in a
     /// periodic domain the points' own bounds are taken instead.
@@ -23,7 +24,7 @@ pub struct GridSettings {
 impl GridSettings {
     /// Cells for queries of about this radius.
     pub fn for_radius(radius: f32) -> Self {
-        Self { cell_size: radius, refine_x: 2, bounds: None, period: Period::NONE }
+        Self { cell_size: radius, refine_x: 4, bounds: None, period: Period::NONE }
     }
 
     /// Cells chosen by density: about two points each if they were spread evenly.

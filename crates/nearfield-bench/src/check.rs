@@ -1,0 +1,214 @@
+//! The answer a measurement must give, and the comparison that stops it where it does not.
+//!
+//! Devices round d² differently by a few units in the last place, so a pair of points whose distance is that close to
+//! the radius may count or not. Everything else must be exact. With u = 2⁻²⁴, a squared distance computed in f32 by any
+//! order of multiplications and additions is off by at most 5 u and a squared radius by u, relatively: a pair is
+//! *certain* if d² ≤ r² (1 - 7 u) in f64, *possible* if d² ≤ r² (1 + 7 u).
+
+use nearfield::{FixedRadius, GridSettings, NeighborSearch, UniformGrid, Vec3};
+use rayon::prelude::*;
+
+use crate::{Error, Result};
+
+/// Unit roundoff of f32.
+const U: f64 = 1.0 / (1u64 << 24) as f64;
+/// Relative slack of d² that rounding can use up.
+const SLACK: f64 = 7.0 * U;
+/// Relative change of the radius that moves every boundary pair to one side on any device.
+const RADIUS_SLACK: f64 = 8.0 * U;
+/// Slack of d² outside of which even the changed radii must agree with f64.
+const WIDE_SLACK: f64 = 32.0 * U;
+/// Rows compared one by one.
+const SAMPLE_ROWS: usize = 100;
+
+/// What every answer over the points themselves must be.
+#[derive(Debug, Clone)]
+pub struct Expected {
+    lowest: Vec<u32>,
+    highest: Vec<u32>,
+    sample: Vec<SampleRow>,
+}
+
+/// A row by a plain loop in f64; indices ascending.
+#[derive(Debug, Clone)]
+struct SampleRow {
+    query: usize,
+    certain: Vec<u32>,
+    possible: Vec<u32>,
+}
+
+impl Expected {
+    /// Bounds of every count by the grid on the CPU with a radius a little smaller and larger, and the rows of 100
+    /// queries by a plain loop in f64; the first is checked against the second.
+    ///
+    /// # Errors
+    /// As the grid; where grid and loop differ.
+    pub fn of(points: &[Vec3], radius: f32) -> Result<Self> {
+        let grid = UniformGrid::build(points, &GridSettings::for_radius(radius))?;
+        let count = |change: f64| -> Result<Vec<u32>> {
+            let radius = (f64::from(radius) * (1.0 + change)) as f32;
+            Ok(grid.count(&FixedRadius::new(radius))?.into_vec())
+        };
+        let (lowest, highest) = (count(-RADIUS_SLACK)?, count(RADIUS_SLACK)?);
+        let step = points.len().div_ceil(SAMPLE_ROWS).max(1);
+        let mut sample = Vec::new();
+        for query in (0..points.len()).step_by(step) {
+            let (lowest, highest) = (lowest[query] as usize, highest[query] as usize);
+            let [surely, certain, possible, perhaps] = rows_in_f64(points, query, radius);
+            if !(surely.len() <= lowest && lowest <= highest && highest <= perhaps.len()) {
+                let (surely, perhaps) = (surely.len(), perhaps.len());
+                return Err(wrong(format!(
+                    "the reference counts {lowest} to {highest} neighbours of query {query}, a plain loop {surely} to {perhaps}"
+                )));
+            }
+            sample.push(SampleRow { query, certain, possible });
+        }
+        Ok(Self { lowest, highest, sample })
+    }
+
+    /// Smallest and largest right total.
+    pub fn total(&self) -> (u64, u64) {
+        (self.lowest.iter().map(|&c| u64::from(c)).sum(), self.highest.iter().map(|&c| u64::from(c)).sum())
+    }
+
+    /// Mean neighbours of a query, itself included.
+    pub fn mean(&self) -> f64 {
+        self.total().0 as f64 / self.lowest.len().max(1) as f64
+    }
+
+    /// Checks a total.
+    ///
+    /// # Errors
+    /// The bounds and the total, where it is outside.
+    pub fn check_total(&self, total: u64) -> Result<()> {
+        let (lowest, highest) = self.total();
+        if (lowest..=highest).contains(&total) {
+            return Ok(());
+        }
+        Err(wrong(format!("{total} neighbours in all, expected {lowest} to {highest}")))
+    }
+
+    /// Checks the number of neighbours of every query.
+    ///
+    /// # Errors
+    /// The first count that is wrong.
+    pub fn check_counts(&self, counts: &[u32]) -> Result<()> {
+        if counts.len() != self.lowest.len() {
+            return Err(wrong(format!("{} counts, expected {}", counts.len(), self.lowest.len())));
+        }
+        for (query, &count) in counts.iter().enumerate() {
+            let (lowest, highest) = (self.lowest[query], self.highest[query]);
+            if !(lowest..=highest).contains(&count) {
+                return Err(wrong(format!("query {query} has {count} neighbours, expected {lowest} to {highest}")));
+            }
+        }
+        self.check_total(counts.iter().map(|&c| u64::from(c)).sum())
+    }
+
+    /// Checks a list: monotone offsets that end with the indices, every row's length, and the sampled rows in full.
+    ///
+    /// # Errors
+    /// The first thing that is wrong.
+    pub fn check_list(&self, offsets: &[u64], indices: &[u32]) -> Result<()> {
+        let ends = (offsets.first().copied(), offsets.last().copied());
+        if ends != (Some(0), Some(indices.len() as u64)) {
+            return Err(wrong(format!("offsets run from and to {ends:?}, expected 0 and {}", indices.len())));
+        }
+        if let Some(at) = offsets.windows(2).position(|w| w[1] < w[0]) {
+            return Err(wrong(format!("offset {} is smaller than offset {at}", at + 1)));
+        }
+        let lengths: Vec<u32> = offsets.windows(2).map(|w| (w[1] - w[0]) as u32).collect();
+        self.check_counts(&lengths)?;
+        for row in &self.sample {
+            let mut found = indices[offsets[row.query] as usize..offsets[row.query + 1] as usize].to_vec();
+            found.sort_unstable();
+            row.check(&found)?;
+        }
+        Ok(())
+    }
+}
+
+impl SampleRow {
+    fn check(&self, found: &[u32]) -> Result<()> {
+        let query = self.query;
+        if let Some(twice) = found.windows(2).find(|w| w[0] == w[1]) {
+            return Err(wrong(format!("query {query} has neighbour {} twice", twice[0])));
+        }
+        if let Some(missing) = self.certain.iter().find(|i| found.binary_search(i).is_err()) {
+            return Err(wrong(format!("query {query} lacks its neighbour {missing}")));
+        }
+        if let Some(extra) = found.iter().find(|i| self.possible.binary_search(i).is_err()) {
+            return Err(wrong(format!("query {query} has {extra}, which is no neighbour")));
+        }
+        Ok(())
+    }
+}
+
+/// Points near a query by a plain loop: with the slacks -wide, -rounding, +rounding, +wide.
+fn rows_in_f64(points: &[Vec3], query: usize, radius: f32) -> [Vec<u32>; 4] {
+    let (center, radius) = (points[query].as_dvec3(), f64::from(radius));
+    let radius2 = radius * radius;
+    let perhaps: Vec<(u32, f64)> = points
+        .par_iter()
+        .enumerate()
+        .with_min_len(1 << 14)
+        .map(|(i, p)| (i as u32, p.as_dvec3().distance_squared(center)))
+        .filter(|&(_, d2)| d2 <= radius2 * (1.0 + WIDE_SLACK))
+        .collect();
+    [-WIDE_SLACK, -SLACK, SLACK, WIDE_SLACK].map(|slack| {
+        let inside = perhaps.iter().filter(|&&(_, d2)| d2 <= radius2 * (1.0 + slack));
+        inside.map(|&(i, _)| i).collect()
+    })
+}
+
+fn wrong(what: String) -> Error {
+    format!("wrong answer: {what}").into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sets::Set;
+
+    fn case() -> (Expected, Vec<u64>, Vec<u32>) {
+        let set: Set = "uniform-2k".parse().expect("a set");
+        let (points, radius) = (set.points(), set.radius());
+        let list = nearfield::BruteForce::build(&points).and_then(|b| b.list(&FixedRadius::new(radius)));
+        let (offsets, indices, _) = list.expect("a list").into_parts();
+        (Expected::of(&points, radius).expect("a reference"), offsets, indices)
+    }
+
+    #[test]
+    fn a_right_list_passes() {
+        let (expected, offsets, indices) = case();
+        expected.check_list(&offsets, &indices).expect("the list is right");
+        expected.check_total(indices.len() as u64).expect("the total is right");
+    }
+
+    #[test]
+    fn a_planted_total_is_caught() {
+        let (expected, offsets, indices) = case();
+        assert!(expected.check_total(indices.len() as u64 + 1).is_err());
+        assert!(expected.check_total(indices.len() as u64 - 1).is_err());
+        let mut counts: Vec<u32> = offsets.windows(2).map(|w| (w[1] - w[0]) as u32).collect();
+        expected.check_counts(&counts).expect("the counts are right");
+        // The total stays, two counts are wrong.
+        counts[3] += 1;
+        counts[4] -= 1;
+        assert!(expected.check_counts(&counts).is_err());
+    }
+
+    #[test]
+    fn planted_rows_and_offsets_are_caught() {
+        let (expected, mut offsets, mut indices) = case();
+        let first = indices[0];
+        indices[0] =
+            if indices.contains(&1999) && !indices[..offsets[1] as usize].contains(&1999) { 1999 } else { 1998 };
+        assert!(expected.check_list(&offsets, &indices).is_err(), "a foreign index");
+        indices[0] = indices[1];
+        assert!(expected.check_list(&offsets, &indices).is_err(), "an index twice");
+        indices[0] = first;
+        offsets.swap(5, 6);
+        assert!(expected.check_list(&offsets, &indices).is_err(), "offsets not monotone");
+    }
+}

@@ -1,0 +1,18 @@
+//! Measurements of Nearfield: the table of a device, the array primitives, and the experiments of the papers.
+//!
+//! Every measurement checks its own answer in the same run and stops with an error where it is wrong, so that no fast
+//! but wrong answer is ever reported. Times are medians after a warm-up; device times are the device's timestamps.
+
+pub mod check;
+pub mod device;
+pub mod grid;
+pub mod measure;
+pub mod plots;
+pub mod provenance;
+pub mod sets;
+
+/// Any failure: the library's, a file's, or an answer that [`check`] refuses.
+pub type Error = Box<dyn std::error::Error + Send + Sync>;
+
+/// `Result` with [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;
