@@ -215,8 +215,8 @@ fn share(stages: &[(String, f64)], names: &[&str]) -> Option<f64> {
     (sum > 0.0).then_some(100.0 * own / sum)
 }
 
-/// Stages that test distances; the scan between them is not searching.
-const SEARCH: [&str; 2] = ["count", "fill"];
+/// Stages that test distances or write neighbours; the scan between them is not searching.
+const SEARCH: [&str; 3] = ["count", "fill", "fill long rows"];
 
 fn brute_force_only_searches(rows: &[Row], particles: usize) -> Option<(bool, String)> {
     let search = share(&stages::stages(rows, Method::GpuBruteForce, particles), &SEARCH)?;
