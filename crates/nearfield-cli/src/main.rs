@@ -1,2 +1,138 @@
-//! placeholder
-fn main() {}
+//! The command `nearfield`: neighbours of real scans, from a terminal.
+//!
+//! Each subcommand is a file; errors are one line on standard error and an exit code.
+
+mod agreement;
+mod colormap;
+mod completions;
+mod convert;
+mod demo;
+mod devices;
+mod exit;
+mod formats;
+mod generate;
+mod info;
+mod input;
+mod lists;
+mod neighbors;
+mod neighbors_picture;
+mod options;
+mod output;
+mod picture;
+mod progress;
+mod report;
+mod spacing;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::ExitCode;
+use std::sync::Mutex;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+use exit::Failure;
+use options::Common;
+
+/// Exact neighbours within a radius, on the CPU and on any GPU
+#[derive(Debug, Parser)]
+#[command(
+    name = "nearfield",
+    version,
+    after_help = "Start with `nearfield demo`, or with
+  nearfield neighbors scan.ply --radius 0.5% --picture scan.png
+
+Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no device, 70 internal error, 73 output cannot be created,
+74 reading or writing failed, 75 out of memory (a smaller request may do)."
+)]
+struct Arguments {
+    #[command(flatten)]
+    common: Common,
+
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    Demo(demo::DemoArgs),
+    Neighbors(Box<neighbors::NeighborsArgs>),
+    Info(info::InfoArgs),
+    Convert(convert::ConvertArgs),
+    Generate(generate::GenerateArgs),
+    Devices(devices::DevicesArgs),
+    Formats(formats::FormatsArgs),
+    Completions(completions::CompletionsArgs),
+}
+
+/// Where the last panic happened and what it said.
+static PANIC: Mutex<String> = Mutex::new(String::new());
+
+fn main() -> ExitCode {
+    // File readers catch panics of third-party decoders and report them as bad files, so a panic is told only if it
+    // arrives here.
+    std::panic::set_hook(Box::new(|panic| {
+        if let Ok(mut text) = PANIC.lock() {
+            *text = panic.to_string();
+        }
+    }));
+    match catch_unwind(AssertUnwindSafe(run)) {
+        Ok(code) => code,
+        Err(_) => {
+            let text = PANIC.lock().map(|text| text.replace('\n', " ")).unwrap_or_default();
+            eprintln!("nearfield: internal error: {text}; please report it");
+            ExitCode::from(70)
+        }
+    }
+}
+
+fn run() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) if error.use_stderr() => {
+            eprintln!("nearfield: {}", usage_line(&error));
+            return ExitCode::from(2);
+        }
+        Err(help) => {
+            // Help or version; a closed pipe is the only thing that can go wrong.
+            let _ = help.print();
+            return ExitCode::SUCCESS;
+        }
+    };
+    match dispatch(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            if let Some(message) = failure.message() {
+                eprintln!("nearfield: {message}");
+            }
+            ExitCode::from(failure.code())
+        }
+    }
+}
+
+fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
+    let common = &arguments.common;
+    common.apply()?;
+    match &arguments.verb {
+        Verb::Demo(args) => demo::run(args, common),
+        Verb::Neighbors(args) => neighbors::run(args, common),
+        Verb::Info(args) => info::run(args, common),
+        Verb::Convert(args) => convert::run(args, common),
+        Verb::Generate(args) => generate::run(args, common),
+        Verb::Devices(args) => devices::run(args),
+        Verb::Formats(args) => formats::run(args),
+        Verb::Completions(args) => completions::run(args, Arguments::command()),
+    }
+}
+
+/// What is wrong with the command line, in one line.
+fn usage_line(error: &clap::Error) -> String {
+    if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        return "say what to do: demo, neighbors, info, convert, generate, devices, formats or completions; \
+                `nearfield --help` explains"
+            .to_owned();
+    }
+    let text = error.render().to_string();
+    let text = text.strip_prefix("error: ").unwrap_or(&text);
+    let told = text.lines().map(str::trim).take_while(|line| !line.starts_with("Usage:"));
+    let told: Vec<&str> = told.filter(|line| !line.is_empty() && !line.starts_with("For more information")).collect();
+    format!("{}; --help explains", told.join(" "))
+}

@@ -9,6 +9,13 @@ use wgpu::BufferUsages;
 use super::Gpu;
 use crate::{Error, Result};
 
+/// Bytes of a word, the unit of copies.
+const WORD: usize = 4;
+/// Largest part that is read back at once: keeps the staging memory small beside the buffer itself.
+const PART_BYTES: usize = 256 << 20;
+/// Where staging memory is short, parts get no smaller than this.
+const SMALLEST_PART_BYTES: usize = 4096;
+
 /// Elements whose bytes are the same on both sides.
 pub trait DeviceElement: Pod {}
 impl<T: Pod> DeviceElement for T {}
@@ -18,11 +25,13 @@ pub struct Buffer<T> {
     raw: wgpu::Buffer,
     len: usize,
     label: &'static str,
-    _accounted: Option<Arc<Accounted>>,
+    accounted: Option<Arc<Accounted>>,
     element: PhantomData<T>,
 }
 
-struct Accounted {
+/// Bytes that count as used for as long as a buffer, or recorded work that names it, lives.
+#[derive(Debug)]
+pub(super) struct Accounted {
     gpu: Gpu,
     bytes: u64,
 }
@@ -39,7 +48,7 @@ impl<T> Clone for Buffer<T> {
             raw: self.raw.clone(),
             len: self.len,
             label: self.label,
-            _accounted: self._accounted.clone(),
+            accounted: self.accounted.clone(),
             element: PhantomData,
         }
     }
@@ -62,7 +71,7 @@ impl<T: DeviceElement> Buffer<T> {
         if (len as u64) > possible {
             return Err(Error::LengthMismatch { what: label, found: possible, expected: len as u64 });
         }
-        Ok(Self { raw, len, label, _accounted: None, element: PhantomData })
+        Ok(Self { raw, len, label, accounted: None, element: PhantomData })
     }
 
     /// Number of elements.
@@ -85,6 +94,11 @@ impl<T: DeviceElement> Buffer<T> {
         self.label
     }
 
+    /// What keeps its memory counted.
+    pub(super) fn accounted(&self) -> Option<Arc<Accounted>> {
+        self.accounted.clone()
+    }
+
     /// The wgpu buffer; it may be a little larger than the elements.
     pub fn raw(&self) -> &wgpu::Buffer {
         &self.raw
@@ -97,7 +111,7 @@ impl Gpu {
     /// # Errors
     /// `OutOfDeviceMemory` if it passes the largest storage binding, the memory limit, or what the device has.
     pub fn buffer<T: DeviceElement>(&self, label: &'static str, len: usize) -> Result<Buffer<T>> {
-        let bytes = len as u64 * size_of::<T>() as u64;
+        let bytes = (len as u64).saturating_mul(size_of::<T>() as u64);
         let limit = self.limits().binding_bytes;
         if bytes > limit {
             return Err(Error::OutOfDeviceMemory { what: label.to_owned(), needed: bytes, available: limit });
@@ -123,12 +137,12 @@ impl Gpu {
 
     fn allocate<T>(&self, label: &'static str, len: usize, usage: BufferUsages) -> Result<Buffer<T>> {
         // Bindings and copies need at least one word and whole words.
-        let size = (len as u64 * size_of::<T>() as u64).max(4).next_multiple_of(4);
+        let size = (len as u64 * size_of::<T>() as u64).max(WORD as u64).next_multiple_of(WORD as u64);
         self.reserve(label, size)?;
         let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
         let accounted = Some(Arc::new(Accounted { gpu: self.clone(), bytes: size }));
         let raw = self.checked(label, size, || self.device().create_buffer(&descriptor))?;
-        Ok(Buffer { raw, len, label, _accounted: accounted, element: PhantomData })
+        Ok(Buffer { raw, len, label, accounted, element: PhantomData })
     }
 
     /// A buffer with a copy of `data`.
@@ -143,18 +157,44 @@ impl Gpu {
 
     /// Copies `data` into `buffer` from element `start` on.
     ///
+    /// Devices write whole words of 4 bytes: with smaller elements, the first byte must be one of a word, and so must
+    /// the last but at the end of the buffer.
+    ///
     /// # Errors
-    /// `LengthMismatch` if it does not fit; `OutOfDeviceMemory`, `DeviceLost`.
+    /// `LengthMismatch` if it does not fit; `Unsupported` for parts of words; `OutOfDeviceMemory`, `DeviceLost`.
     pub fn write<T: DeviceElement>(&self, buffer: &Buffer<T>, start: usize, data: &[T]) -> Result<()> {
-        if start + data.len() > buffer.len() {
-            let (found, expected) = ((start + data.len()) as u64, buffer.len() as u64);
-            return Err(Error::LengthMismatch { what: buffer.label(), found, expected });
+        let end = start.saturating_add(data.len());
+        if end > buffer.len() {
+            return Err(Error::LengthMismatch {
+                what: buffer.label(),
+                found: end as u64,
+                expected: buffer.len() as u64,
+            });
         }
+        self.check_lost()?;
         if data.is_empty() {
             return Ok(());
         }
         let (offset, bytes) = ((start * size_of::<T>()) as u64, bytemuck::cast_slice::<T, u8>(data));
-        self.checked(buffer.label(), bytes.len() as u64, || self.queue().write_buffer(buffer.raw(), offset, bytes))
+        let (words, rest) = bytes.split_at(bytes.len() / WORD * WORD);
+        let padded = offset + bytes.len().next_multiple_of(WORD) as u64;
+        let padding_is_free = end == buffer.len() && padded <= buffer.raw().size();
+        if !offset.is_multiple_of(WORD as u64) || !(rest.is_empty() || padding_is_free) {
+            return Err(Error::Unsupported {
+                what: format!("writing {} bytes at byte {offset} of {}", bytes.len(), buffer.label()),
+                advice: "write whole words of 4 bytes",
+            });
+        }
+        let mut last = [0; WORD];
+        last[..rest.len()].copy_from_slice(rest);
+        self.checked(buffer.label(), bytes.len() as u64, || {
+            if !words.is_empty() {
+                self.queue().write_buffer(buffer.raw(), offset, words);
+            }
+            if !rest.is_empty() {
+                self.queue().write_buffer(buffer.raw(), offset + words.len() as u64, &last);
+            }
+        })
     }
 
     /// Reads the whole buffer back, after everything submitted before.
@@ -165,7 +205,7 @@ impl Gpu {
         self.read_range(buffer, 0..buffer.len())
     }
 
-    /// Reads elements `range` of the buffer back.
+    /// Reads elements `range` of the buffer back, in parts where staging memory is short.
     ///
     /// # Errors
     /// `LengthMismatch` if the range passes the end; `OutOfDeviceMemory` for the staging memory, `OutOfMemory`,
@@ -181,14 +221,19 @@ impl Gpu {
             needed: (range.len() * size_of::<T>()) as u64,
             available: 0,
         })?;
-        // Staging in parts keeps the mapped memory small beside the buffer itself.
-        const PART_BYTES: usize = 256 << 20;
-        let part = (PART_BYTES / size_of::<T>().max(1)).next_multiple_of(4);
+        self.check_lost()?;
+        let mut part = (PART_BYTES / size_of::<T>().max(1)).max(1);
         let mut start = range.start;
         while start < range.end {
-            let end = range.end.min(start + part);
-            self.read_part(buffer, start..end, &mut values)?;
-            start = end;
+            let end = range.end.min(start.saturating_add(part));
+            match self.read_part(buffer, start..end, &mut values) {
+                Ok(()) => start = end,
+                // Smaller parts are slower, but need less memory beside the buffer.
+                Err(Error::OutOfDeviceMemory { .. }) if (end - start) * size_of::<T>() > SMALLEST_PART_BYTES => {
+                    part = (end - start).div_ceil(2);
+                }
+                Err(error) => return Err(error),
+            }
         }
         Ok(values)
     }
@@ -200,8 +245,11 @@ impl Gpu {
         values: &mut Vec<T>,
     ) -> Result<()> {
         let label = buffer.label();
-        let start = (range.start * size_of::<T>()) as u64;
-        let size = ((range.len() * size_of::<T>()) as u64).next_multiple_of(4);
+        // Copies take whole words.
+        let first = range.start * size_of::<T>();
+        let skipped = first % WORD;
+        let start = (first - skipped) as u64;
+        let size = (skipped + range.len() * size_of::<T>()).next_multiple_of(WORD) as u64;
         let staging =
             self.allocate::<u8>("read-back staging", size as usize, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
         let submission = self.checked(label, size, || {
@@ -216,7 +264,7 @@ impl Gpu {
             .raw()
             .get_mapped_range(..)
             .map_err(|e| Error::Device { operation: format!("read back {label}"), message: e.to_string() })?;
-        let bytes = &view[..range.len() * size_of::<T>()];
+        let bytes = &view[skipped..skipped + range.len() * size_of::<T>()];
         match bytemuck::try_cast_slice(bytes) {
             Ok(elements) => values.extend_from_slice(elements),
             Err(_) => values.extend(bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned::<T>)),

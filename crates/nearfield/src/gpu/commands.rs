@@ -2,18 +2,24 @@
 
 use std::sync::Arc;
 
+use super::buffer::Accounted;
 use super::{Buffer, DeviceElement, Gpu, Pipeline};
 use crate::{Error, Result};
+
+/// Stages that one set of timestamps holds: two for each stage.
+const MOST_TIMED_STAGES: usize = wgpu::QUERY_SET_MAX_QUERIES as usize / 2;
 
 /// A buffer as a kernel sees it.
 #[derive(Debug, Clone)]
 pub struct Bind {
     raw: wgpu::Buffer,
+    /// Work that is recorded keeps the memory of its buffers, also when they are dropped before it is submitted.
+    _accounted: Option<Arc<Accounted>>,
 }
 
 impl<T: DeviceElement> From<&Buffer<T>> for Bind {
     fn from(buffer: &Buffer<T>) -> Self {
-        Self { raw: buffer.raw().clone() }
+        Self { raw: buffer.raw().clone(), _accounted: buffer.accounted() }
     }
 }
 
@@ -33,7 +39,7 @@ pub enum Workgroups {
 pub struct StageTime {
     /// Name as given to [`Commands::stage`].
     pub name: &'static str,
-    /// Milliseconds; `None` where the device has no timestamps.
+    /// Milliseconds; `None` where the device has no timestamps, or the work has more stages than they can time.
     pub milliseconds: Option<f64>,
 }
 
@@ -52,8 +58,8 @@ struct Stage {
 
 enum Step {
     Dispatch { pipeline: Arc<Pipeline>, groups: [Vec<Bind>; 2], workgroups: Workgroups },
-    Clear { buffer: wgpu::Buffer, bytes: u64 },
-    Copy { source: wgpu::Buffer, destination: wgpu::Buffer, bytes: u64 },
+    Clear { buffer: Bind, bytes: u64 },
+    Copy { source: Bind, destination: Bind, bytes: u64 },
 }
 
 impl Gpu {
@@ -99,7 +105,7 @@ impl Commands {
     /// Sets every byte of the buffer to zero.
     pub fn clear<T: DeviceElement>(&mut self, buffer: &Buffer<T>) -> &mut Self {
         let bytes = buffer.bytes().max(4).next_multiple_of(4);
-        self.step(Step::Clear { buffer: buffer.raw().clone(), bytes });
+        self.step(Step::Clear { buffer: buffer.into(), bytes });
         self
     }
 
@@ -110,7 +116,7 @@ impl Commands {
             self.error.get_or_insert(Error::LengthMismatch { what: destination.label(), found, expected });
         }
         let bytes = source.bytes().next_multiple_of(4);
-        self.step(Step::Copy { source: source.raw().clone(), destination: destination.raw().clone(), bytes });
+        self.step(Step::Copy { source: source.into(), destination: destination.into(), bytes });
         self
     }
 
@@ -151,7 +157,7 @@ impl Commands {
         }
         let Self { gpu, label, stages, .. } = self;
         let n_ticks = 2 * stages.len();
-        let timed = timed && gpu.limits().timestamp_period.is_some() && !stages.is_empty();
+        let timed = timed && gpu.limits().timestamp_period.is_some() && (1..=MOST_TIMED_STAGES).contains(&stages.len());
         let ticks: Option<Buffer<u64>> = timed.then(|| gpu.query_buffer("stage timestamps", n_ticks)).transpose()?;
         let submission = gpu.checked(label, 0, || {
             let device = gpu.device();
@@ -229,9 +235,9 @@ fn empty_pass(encoder: &mut wgpu::CommandEncoder, query_set: &wgpu::QuerySet, in
 fn copies(encoder: &mut wgpu::CommandEncoder, steps: &[Step]) {
     for step in steps {
         match step {
-            Step::Clear { buffer, bytes } => encoder.clear_buffer(buffer, 0, Some(*bytes)),
+            Step::Clear { buffer, bytes } => encoder.clear_buffer(&buffer.raw, 0, Some(*bytes)),
             Step::Copy { source, destination, bytes } => {
-                encoder.copy_buffer_to_buffer(source, 0, destination, 0, *bytes);
+                encoder.copy_buffer_to_buffer(&source.raw, 0, &destination.raw, 0, *bytes);
             }
             Step::Dispatch { .. } => {}
         }

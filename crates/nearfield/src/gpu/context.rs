@@ -185,22 +185,21 @@ impl Gpu {
     pub(super) fn reserve(&self, what: &str, bytes: u64) -> Result<()> {
         let memory = &self.inner.memory;
         let limit = memory.limit.load(Ordering::Relaxed);
-        let used = memory.used.load(Ordering::Relaxed);
-        let refused = match memory.refuse_in.load(Ordering::Relaxed) {
-            n if n < 0 => false,
-            n => {
-                memory.refuse_in.store(n - 1, Ordering::Relaxed);
-                n == 0
+        // Counts down to the refused allocation and stops below it.
+        let countdown = |n: i64| (n >= 0).then(|| n - 1);
+        let refused = memory.refuse_in.fetch_update(Ordering::Relaxed, Ordering::Relaxed, countdown) == Ok(0);
+        let available = |used: u64| limit.saturating_sub(used).min(self.inner.limits.buffer_bytes);
+        let add = |used: u64| (!refused && bytes <= available(used)).then(|| used + bytes);
+        match memory.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add) {
+            Ok(before) => {
+                memory.peak.fetch_max(before + bytes, Ordering::Relaxed);
+                Ok(())
             }
-        };
-        let available = limit.saturating_sub(used).min(self.inner.limits.buffer_bytes);
-        if refused || bytes > available {
-            let available = if refused { 0 } else { available };
-            return Err(Error::OutOfDeviceMemory { what: what.to_owned(), needed: bytes, available });
+            Err(used) => {
+                let available = if refused { 0 } else { available(used) };
+                Err(Error::OutOfDeviceMemory { what: what.to_owned(), needed: bytes, available })
+            }
         }
-        let now = memory.used.fetch_add(bytes, Ordering::Relaxed) + bytes;
-        memory.peak.fetch_max(now, Ordering::Relaxed);
-        Ok(())
     }
 
     pub(super) fn release(&self, bytes: u64) {
@@ -242,7 +241,7 @@ impl Gpu {
             .map_err(|e| Error::Device { operation: operation.to_owned(), message: format!("waiting failed: {e}") })
     }
 
-    fn check_lost(&self) -> Result<()> {
+    pub(super) fn check_lost(&self) -> Result<()> {
         match self.inner.lost.get() {
             None => Ok(()),
             Some(reason) => Err(Error::DeviceLost { device: self.inner.name.clone(), reason: reason.clone() }),

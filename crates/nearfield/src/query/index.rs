@@ -1,6 +1,7 @@
 //! A structure and a device chosen by words, for programs that let their users choose.
 
 use std::str::FromStr;
+use std::sync::OnceLock;
 
 use glam::Vec3;
 
@@ -64,27 +65,29 @@ pub struct IndexSettings {
 
 /// A structure on a device, ready for questions.
 pub struct Index {
-    search: Box<dyn NeighborSearch>,
+    search: Box<dyn NeighborSearch + Send>,
     notes: Vec<String>,
+    substitute: Option<Substitute>,
+}
+
+/// What the CPU needs to take over from a GPU that fails at a question.
+struct Substitute {
+    points: Vec<Vec3>,
+    structure: StructureChoice,
+    period: Period,
+    built: OnceLock<Box<dyn NeighborSearch + Send>>,
 }
 
 impl Index {
     /// Builds what `settings` say over `points`, for questions like `question`.
     ///
-    /// Only `DeviceChoice::Auto` falls back to the CPU, where no hardware GPU is found or the GPU fails; the notes of
-    /// the index and of every report say so.
+    /// Only `DeviceChoice::Auto` falls back to the CPU: where no hardware GPU is found, or the GPU fails at the build
+    /// or at a question (for which the index keeps a copy of the points); the notes say so, those of the reports too.
     ///
     /// # Errors
     /// As the builds: `NonFinite`, `CoordinateTooLarge`, `TooMany`, `InvalidSetting`; `NoDevice`;
     /// `OutOfDeviceMemory` and other device errors unless the device is `Auto`.
     pub fn build(points: &[Vec3], question: &FixedRadius<'_>, settings: &IndexSettings) -> Result<Self> {
-        let structure = match settings.structure {
-            StructureChoice::Auto => {
-                let pairs = points.len() as u64 * question.len(points.len()) as u64;
-                if pairs <= BRUTE_FORCE_PAIRS { StructureChoice::BruteForce } else { StructureChoice::UniformGrid }
-            }
-            chosen => chosen,
-        };
         let mut notes = Vec::new();
         let gpu = match Gpu::open(&settings.device) {
             Ok(gpu) => gpu,
@@ -94,19 +97,64 @@ impl Index {
             }
             Err(error) => return Err(error),
         };
+        Self::assemble(gpu.as_ref(), points, question, settings, notes)
+    }
+
+    /// As [`Index::build`], on a GPU that is open already: of the device in `settings` only counts whether it is
+    /// `Auto`, which lets the CPU take over.
+    ///
+    /// # Errors
+    /// As [`Index::build`].
+    pub fn build_on(gpu: &Gpu, points: &[Vec3], question: &FixedRadius<'_>, settings: &IndexSettings) -> Result<Self> {
+        Self::assemble(Some(gpu), points, question, settings, Vec::new())
+    }
+
+    fn assemble(
+        gpu: Option<&Gpu>,
+        points: &[Vec3],
+        question: &FixedRadius<'_>,
+        settings: &IndexSettings,
+        mut notes: Vec<String>,
+    ) -> Result<Self> {
+        let (auto, period) = (settings.device == DeviceChoice::Auto, settings.period);
+        let structure = match settings.structure {
+            StructureChoice::Auto => {
+                let pairs = points.len() as u64 * question.len(points.len()) as u64;
+                if pairs <= BRUTE_FORCE_PAIRS { StructureChoice::BruteForce } else { StructureChoice::UniformGrid }
+            }
+            chosen => chosen,
+        };
         if let Some(gpu) = gpu {
             if gpu.kind() == AdapterKind::Software {
                 notes.push(format!("{} is a software renderer: the CPU in disguise, and slower", gpu.name()));
             }
-            match Self::on_gpu(&gpu, points, question, structure, settings.period) {
-                Ok(search) => return Ok(Self { search, notes }),
-                Err(error) if settings.device == DeviceChoice::Auto && is_device_fault(&error) => {
-                    notes.push(format!("{} could not be used ({error}); the CPU did the work", gpu.name()));
+            match Self::on_gpu(gpu, points, question, structure, period) {
+                Ok(search) => {
+                    let copy = || Substitute { points: points.to_vec(), structure, period, built: OnceLock::new() };
+                    return Ok(Self { search, notes, substitute: auto.then(copy) });
                 }
+                Err(error) if auto && is_device_fault(&error) => notes.push(taken_over(gpu.name(), &error)),
                 Err(error) => return Err(error),
             }
         }
-        Ok(Self { search: Self::on_cpu(points, question, structure, settings.period)?, notes })
+        Ok(Self { search: Self::on_cpu(points, question, structure, period)?, notes, substitute: None })
+    }
+
+    /// Asks the structure, or the CPU where the GPU fails and the CPU may take over. Also returns the notes of the
+    /// answer's report.
+    fn ask<T>(
+        &self,
+        question: &FixedRadius<'_>,
+        ask: impl Fn(&dyn NeighborSearch) -> Result<T>,
+    ) -> Result<(T, Vec<String>)> {
+        let mut notes = self.notes.clone();
+        match (ask(self.search.as_ref()), &self.substitute) {
+            (Err(error), Some(substitute)) if is_device_fault(&error) => {
+                notes.push(taken_over(&self.search.device(), &error));
+                Ok((ask(substitute.search(question)?)?, notes))
+            }
+            (answer, _) => Ok((answer?, notes)),
+        }
     }
 
     fn on_cpu(
@@ -114,7 +162,7 @@ impl Index {
         question: &FixedRadius<'_>,
         structure: StructureChoice,
         period: Period,
-    ) -> Result<Box<dyn NeighborSearch>> {
+    ) -> Result<Box<dyn NeighborSearch + Send>> {
         Ok(match structure {
             StructureChoice::BruteForce => Box::new(BruteForce::build_periodic(points, period)?),
             StructureChoice::UniformGrid | StructureChoice::Auto => {
@@ -130,7 +178,7 @@ impl Index {
         question: &FixedRadius<'_>,
         structure: StructureChoice,
         period: Period,
-    ) -> Result<Box<dyn NeighborSearch>> {
+    ) -> Result<Box<dyn NeighborSearch + Send>> {
         Ok(match structure {
             StructureChoice::BruteForce => Box::new(GpuBruteForce::build_periodic(gpu, points, period)?),
             StructureChoice::UniformGrid | StructureChoice::Auto => {
@@ -144,6 +192,23 @@ impl Index {
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
+}
+
+impl Substitute {
+    /// The structure on the CPU, built at the first use.
+    fn search(&self, question: &FixedRadius<'_>) -> Result<&dyn NeighborSearch> {
+        if self.built.get().is_none() {
+            let built = Index::on_cpu(&self.points, question, self.structure, self.period)?;
+            // Where two threads come here at once, the structure of the first one stays.
+            let _ = self.built.set(built);
+        }
+        Ok(self.built.get().expect("the structure should have been set above").as_ref())
+    }
+}
+
+/// The note on a GPU that the CPU replaced.
+fn taken_over(device: &str, error: &Error) -> String {
+    format!("{device} could not be used ({error}); the CPU did the work")
 }
 
 /// Whether another device might succeed where this one failed.
@@ -179,20 +244,20 @@ impl NeighborSearch for Index {
     }
 
     fn count(&self, question: &FixedRadius<'_>) -> Result<Counts> {
-        let mut counts = self.search.count(question)?;
-        counts.report.notes.extend_from_slice(&self.notes);
+        let (mut counts, notes) = self.ask(question, |search| search.count(question))?;
+        counts.report.notes.extend(notes);
         Ok(counts)
     }
 
     fn list(&self, question: &FixedRadius<'_>) -> Result<Neighbors> {
-        let mut neighbors = self.search.list(question)?;
-        neighbors.report.notes.extend_from_slice(&self.notes);
+        let (mut neighbors, notes) = self.ask(question, |search| search.list(question))?;
+        neighbors.report.notes.extend(notes);
         Ok(neighbors)
     }
 
     fn nearest(&self, question: &FixedRadius<'_>) -> Result<Nearest> {
-        let mut nearest = self.search.nearest(question)?;
-        nearest.report.notes.extend_from_slice(&self.notes);
+        let (mut nearest, notes) = self.ask(question, |search| search.nearest(question))?;
+        nearest.report.notes.extend(notes);
         Ok(nearest)
     }
 }

@@ -17,6 +17,9 @@ mod search;
 pub use cpu::ForEachNeighbor;
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::Batch;
+#[cfg(feature = "gpu")]
 pub use gpu::{ForEachOnDevice, GpuNeighbors, SearchOnDevice, Visitor};
 #[cfg(feature = "gpu")]
 pub use index::{Index, IndexSettings, StructureChoice};

@@ -29,19 +29,20 @@ pub struct GpuBounds {
     pub unused: [u32; 2],
 }
 
-/// The two stages of one kind of reduction.
-type Stages = [Arc<Pipeline>; 2];
+/// What a reduction keeps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Sum,
+    Smallest { float: bool },
+    Largest { float: bool },
+    Bounds,
+}
 
-/// Reductions of device arrays of up to 2³¹ elements.
+/// Reductions of device arrays of up to 2³¹ elements. Each kind is compiled when it is first recorded.
 #[derive(Debug)]
 pub struct GpuReduce {
+    gpu: Gpu,
     parameters: ParameterCache,
-    sum: Stages,
-    smallest: Stages,
-    largest: Stages,
-    smallest_f32: Stages,
-    largest_f32: Stages,
-    bounds: Stages,
     parts: Buffer<[u32; 8]>,
 }
 
@@ -49,29 +50,17 @@ impl GpuReduce {
     /// A plan for any length; its scratch memory is 32 KiB.
     ///
     /// # Errors
-    /// `OutOfDeviceMemory`, `KernelRejected`.
+    /// `OutOfDeviceMemory`.
     pub fn new(gpu: &Gpu) -> Result<Self> {
-        let stages = |sum: bool, smallest: bool, float: bool| {
-            let features = [("sum", sum), ("smallest", smallest), ("largest", !sum && !smallest), ("float", float)];
-            pipelines(gpu, "package::parallel::reduce", ["reduce_values", "reduce_parts"], &features)
-        };
-        Ok(Self {
-            parameters: ParameterCache::new(gpu),
-            sum: stages(true, false, false)?,
-            smallest: stages(false, true, false)?,
-            largest: stages(false, false, false)?,
-            smallest_f32: stages(false, true, true)?,
-            largest_f32: stages(false, false, true)?,
-            bounds: pipelines(gpu, "package::parallel::reduce::bounds", ["bound_points", "bound_parts"], &[])?,
-            parts: gpu.buffer("parts of a reduction", MAX_PARTS)?,
-        })
+        let parts = gpu.buffer("parts of a reduction", MAX_PARTS)?;
+        Ok(Self { gpu: gpu.clone(), parameters: ParameterCache::new(gpu), parts })
     }
 
     /// Records the exact sum of the first `len` values into `result[0]`.
     ///
     /// # Errors
-    /// `TooMany` beyond 2³¹ values, `LengthMismatch` if a buffer is shorter, `OutOfDeviceMemory`; the same for all
-    /// reductions.
+    /// `TooMany` beyond 2³¹ values, `LengthMismatch` if a buffer is shorter, `OutOfDeviceMemory`, `KernelRejected`; the
+    /// same for all reductions.
     pub fn record_sum(
         &self,
         commands: &mut Commands,
@@ -79,7 +68,7 @@ impl GpuReduce {
         len: usize,
         result: &Buffer<u64>,
     ) -> Result<()> {
-        self.record(commands, &self.sum, input, len, result)
+        self.record(commands, Kind::Sum, input, len, result)
     }
 
     /// Records the smallest of the first `len` values into `result[0]`; `u32::MAX` for none.
@@ -93,7 +82,7 @@ impl GpuReduce {
         len: usize,
         result: &Buffer<u32>,
     ) -> Result<()> {
-        self.record(commands, &self.smallest, input, len, result)
+        self.record(commands, Kind::Smallest { float: false }, input, len, result)
     }
 
     /// Records the largest of the first `len` values into `result[0]`; 0 for none.
@@ -107,7 +96,7 @@ impl GpuReduce {
         len: usize,
         result: &Buffer<u32>,
     ) -> Result<()> {
-        self.record(commands, &self.largest, input, len, result)
+        self.record(commands, Kind::Largest { float: false }, input, len, result)
     }
 
     /// Records the smallest of the first `len` values that are not NaN into `result[0]`; infinity for none. Minus zero
@@ -122,7 +111,7 @@ impl GpuReduce {
         len: usize,
         result: &Buffer<f32>,
     ) -> Result<()> {
-        self.record(commands, &self.smallest_f32, input, len, result)
+        self.record(commands, Kind::Smallest { float: true }, input, len, result)
     }
 
     /// Records the largest of the first `len` values that are not NaN into `result[0]`; minus infinity for none. Zero
@@ -137,7 +126,7 @@ impl GpuReduce {
         len: usize,
         result: &Buffer<f32>,
     ) -> Result<()> {
-        self.record(commands, &self.largest_f32, input, len, result)
+        self.record(commands, Kind::Largest { float: true }, input, len, result)
     }
 
     /// Records the bounding box of the first `len` points into `result[0]`.
@@ -159,13 +148,13 @@ impl GpuReduce {
                 advice: "store a point as four f32",
             });
         }
-        self.record(commands, &self.bounds, points, len, result)
+        self.record(commands, Kind::Bounds, points, len, result)
     }
 
     fn record<T: DeviceElement, R: DeviceElement>(
         &self,
         commands: &mut Commands,
-        stages: &Stages,
+        kind: Kind,
         input: &Buffer<T>,
         len: usize,
         result: &Buffer<R>,
@@ -176,19 +165,31 @@ impl GpuReduce {
         let n_parts = len.div_ceil(WORKGROUP as usize * ITEMS).min(MAX_PARTS);
         let parameters = self.parameters.uniform([len as u32, n_parts as u32, 0, 0])?;
         let parts = Bind::from(&self.parts);
-        let [values, rest] = stages;
+        let [values, rest] = self.pipelines(kind)?;
         // An empty buffer is too small to be bound as an array of points.
         if n_parts > 0 {
             let bindings = [(&parameters).into(), input.into(), parts.clone()];
-            commands.dispatch(values, &bindings, Workgroups::Count(n_parts as u32));
+            commands.dispatch(&values, &bindings, Workgroups::Count(n_parts as u32));
         }
-        commands.dispatch(rest, &[(&parameters).into(), parts, result.into()], Workgroups::Count(1));
+        commands.dispatch(&rest, &[(&parameters).into(), parts, result.into()], Workgroups::Count(1));
         Ok(())
     }
-}
 
-fn pipelines(gpu: &Gpu, module: &str, entries: [&str; 2], features: &[(&str, bool)]) -> Result<Stages> {
-    let bindings = [Access::Uniform, Access::Read, Access::ReadWrite];
-    let stage = |entry| gpu.pipeline(&Kernel { features, ..Kernel::new(module, entry, &bindings, WORKGROUP) });
-    Ok([stage(entries[0])?, stage(entries[1])?])
+    /// The two stages of a kind: of the values, and of the parts.
+    fn pipelines(&self, kind: Kind) -> Result<[Arc<Pipeline>; 2]> {
+        let (module, entries) = match kind {
+            Kind::Bounds => ("package::parallel::reduce::bounds", ["bound_points", "bound_parts"]),
+            _ => ("package::parallel::reduce", ["reduce_values", "reduce_parts"]),
+        };
+        let features = [
+            ("sum", kind == Kind::Sum),
+            ("smallest", matches!(kind, Kind::Smallest { .. })),
+            ("largest", matches!(kind, Kind::Largest { .. })),
+            ("float", matches!(kind, Kind::Smallest { float: true } | Kind::Largest { float: true })),
+        ];
+        let features = if kind == Kind::Bounds { &[][..] } else { &features[..] };
+        let bindings = [Access::Uniform, Access::Read, Access::ReadWrite];
+        let stage = |entry| self.gpu.pipeline(&Kernel { features, ..Kernel::new(module, entry, &bindings, WORKGROUP) });
+        Ok([stage(entries[0])?, stage(entries[1])?])
+    }
 }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::batch::halving;
 use super::list;
-use super::visit::{self, QueryBuffers, VisitorCode, Window};
+use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::Result;
 use crate::gpu::shader::Fill;
 use crate::gpu::{Access, Bind, Buffer, StageTime};
@@ -29,33 +29,34 @@ pub(super) fn add_stages(report: &mut Report, times: &[StageTime]) {
     }
 }
 
-/// Runs `ask` over all queries: at once in the structure's order, or where memory is short in halves in the caller's
-/// order. `ask` gets the queries, the window, and the report.
+/// Fewest queries of a batch where each has an answer of a few bytes: with no memory for that, there is none for
+/// anything.
+pub(super) const FEW_QUERIES: usize = 256;
+
+/// Runs `ask` over all queries: at once in the structure's order, or where memory is short in halves of at least
+/// `smallest` queries in the caller's order. `ask` gets the queries and the report; it must not keep parts of an answer
+/// when it fails.
 pub(super) fn in_batches<S: GpuStructure>(
     structure: &S,
     question: &FixedRadius<'_>,
+    smallest: usize,
     report: &mut Report,
-    mut ask: impl FnMut(&QueryBuffers, Window, &mut Report) -> Result<()>,
+    mut ask: impl FnMut(&QueryBuffers, &mut Report) -> Result<()>,
 ) -> Result<()> {
     let n = question.len(structure.len());
-    let mut caller_order = None;
-    let mut ordered = None;
-    report.batches = halving(n, |range| {
-        if range.len() == n {
-            let queries = QueryBuffers::in_search_order(structure, question)?;
-            let window = queries.whole();
-            return ask(ordered.insert(queries), window, report);
+    report.batches = halving(n, smallest, |range| {
+        let n_stages = report.stages.len();
+        let queries = if range.len() == n {
+            QueryBuffers::in_search_order(structure, question)
+        } else {
+            QueryBuffers::in_caller_order(structure, question, range)
+        };
+        let asked = queries.and_then(|queries| ask(&queries, report));
+        if asked.is_err() {
+            // Times of a batch that is tried again would count its work twice.
+            report.stages.truncate(n_stages);
         }
-        ordered = None;
-        if caller_order.is_none() {
-            caller_order = Some(QueryBuffers::in_caller_order(structure, question)?);
-        }
-        let first = range.start as u32;
-        let window = Window { first, count: range.len() as u32, first_id: first };
-        match &caller_order {
-            Some(queries) => ask(queries, window, report),
-            None => Ok(()),
-        }
+        asked
     })?;
     Ok(())
 }
@@ -66,11 +67,11 @@ pub(super) fn count<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) 
     let start = Instant::now();
     let mut report = visit::report(structure, "thread-a-query", &["package::query::count"]);
     let mut counts = Vec::with_capacity(question.len(structure.len()));
-    in_batches(structure, question, &mut report, |queries, window, report| {
-        let buffer: Buffer<u32> = gpu.buffer("neighbour counts", window.count as usize)?;
+    in_batches(structure, question, FEW_QUERIES, &mut report, |queries, report| {
+        let buffer: Buffer<u32> = gpu.buffer("neighbour counts", queries.len())?;
         let mut commands = gpu.commands("count neighbours");
         commands.stage("query");
-        visit::record(&mut commands, structure, question, queries, window, &COUNT, &[(&buffer).into()])?;
+        visit::record(&mut commands, structure, question, queries, &COUNT, &[(&buffer).into()])?;
         add_stages(report, &commands.run()?);
         let read = Instant::now();
         counts.extend(gpu.read(&buffer)?);
@@ -88,13 +89,13 @@ pub(super) fn nearest<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>
     let mut report = visit::report(structure, "thread-a-query", &["package::query::nearest"]);
     let n = question.len(structure.len());
     let (mut indices, mut dist2) = (Vec::with_capacity(n), Vec::with_capacity(n));
-    in_batches(structure, question, &mut report, |queries, window, report| {
-        let index_buffer: Buffer<u32> = gpu.buffer("nearest indices", window.count as usize)?;
-        let dist2_buffer: Buffer<f32> = gpu.buffer("nearest distances", window.count as usize)?;
+    in_batches(structure, question, FEW_QUERIES, &mut report, |queries, report| {
+        let index_buffer: Buffer<u32> = gpu.buffer("nearest indices", queries.len())?;
+        let dist2_buffer: Buffer<f32> = gpu.buffer("nearest distances", queries.len())?;
         let binds: [Bind; 2] = [(&index_buffer).into(), (&dist2_buffer).into()];
         let mut commands = gpu.commands("nearest neighbour");
         commands.stage("query");
-        visit::record(&mut commands, structure, question, queries, window, &NEAREST, &binds)?;
+        visit::record(&mut commands, structure, question, queries, &NEAREST, &binds)?;
         add_stages(report, &commands.run()?);
         let read = Instant::now();
         let (new_indices, new_dist2) = (gpu.read(&index_buffer)?, gpu.read(&dist2_buffer)?);

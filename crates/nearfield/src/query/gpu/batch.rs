@@ -4,15 +4,12 @@ use std::ops::Range;
 
 use crate::{Error, Result};
 
-/// Batches are not made smaller than this: the memory is then too short for anything.
-const SMALLEST_BATCH: usize = 256;
-
 /// Runs `work` on consecutive ranges that together are `0..n`, starting with all of it; where device memory runs out
-/// the range is halved and tried again. Returns the number of ranges.
+/// the range is halved and tried again, but not below `smallest` elements. Returns the number of ranges.
 ///
 /// # Errors
-/// What `work` returns, `OutOfDeviceMemory` only for a range of at most [`SMALLEST_BATCH`] elements.
-pub(super) fn halving(n: usize, mut work: impl FnMut(Range<usize>) -> Result<()>) -> Result<u32> {
+/// What `work` returns, `OutOfDeviceMemory` only for a range of at most `smallest` elements.
+pub(super) fn halving(n: usize, smallest: usize, mut work: impl FnMut(Range<usize>) -> Result<()>) -> Result<u32> {
     let (mut start, mut size, mut batches) = (0, n, 0);
     while start < n {
         let range = start..n.min(start + size);
@@ -21,7 +18,7 @@ pub(super) fn halving(n: usize, mut work: impl FnMut(Range<usize>) -> Result<()>
                 start = range.end;
                 batches += 1;
             }
-            Err(Error::OutOfDeviceMemory { .. }) if range.len() > SMALLEST_BATCH => size = range.len().div_ceil(2),
+            Err(Error::OutOfDeviceMemory { .. }) if range.len() > smallest => size = range.len().div_ceil(2),
             Err(error) => return Err(error),
         }
     }
@@ -55,7 +52,7 @@ mod tests {
     #[test]
     fn halving_covers_everything_once_in_order() {
         let mut done = vec![];
-        let batches = halving(10_000, |range| {
+        let batches = halving(10_000, 256, |range| {
             if range.len() > 3000 {
                 return Err(short_of_memory());
             }
@@ -68,8 +65,8 @@ mod tests {
 
     #[test]
     fn halving_ends_where_nothing_fits() {
-        assert!(matches!(halving(10_000, |_| Err(short_of_memory())), Err(Error::OutOfDeviceMemory { .. })));
-        assert_eq!(halving(0, |_| Err(short_of_memory())).unwrap(), 0);
+        assert!(matches!(halving(10_000, 1, |_| Err(short_of_memory())), Err(Error::OutOfDeviceMemory { .. })));
+        assert_eq!(halving(0, 1, |_| Err(short_of_memory())).unwrap(), 0);
     }
 
     #[test]

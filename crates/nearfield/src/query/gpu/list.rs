@@ -1,15 +1,16 @@
 //! The list read back to the host: at once where it fits the device, else in batches; and the capped list.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use rayon::prelude::*;
 
 use super::answers::{add_stages, count, in_batches};
 use super::batch::{halving, windows};
-use super::on_device::{list_on_device, record_fill};
-use super::visit::{self, QueryBuffers, VisitorCode, Window};
+use super::on_device::{GpuNeighbors, list_on_device, record_fill, report_two_passes};
+use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind, Buffer};
+use crate::gpu::{Access, Bind, Buffer, Gpu};
 use crate::query::{CutRow, FixedRadius, Neighbors, Report, RowOrder, rows};
 use crate::structure::GpuStructure;
 use crate::{Error, Result};
@@ -34,13 +35,14 @@ fn check_host_memory<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>,
 }
 
 fn whole_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Neighbors> {
-    let gpu = structure.gpu();
-    let on_device = list_on_device(structure, question, |entries| check_host_memory(structure, question, entries));
-    let list = match on_device {
-        Ok(list) => list,
-        Err(Error::OutOfDeviceMemory { .. }) => return batched_list(structure, question),
-        Err(error) => return Err(error),
-    };
+    let accept = |entries| check_host_memory(structure, question, entries);
+    match list_on_device(structure, question, accept).and_then(|list| read_list(structure.gpu(), list, question)) {
+        Err(Error::OutOfDeviceMemory { .. }) => batched_list(structure, question),
+        listed => listed,
+    }
+}
+
+fn read_list(gpu: &Gpu, list: GpuNeighbors, question: &FixedRadius<'_>) -> Result<Neighbors> {
     let mut report = list.report;
     let read = Instant::now();
     let offsets = gpu.read(&list.offsets)?.into_par_iter().map(u64::from).collect();
@@ -65,17 +67,21 @@ fn batched_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> R
     let counts = counted.as_slice();
     let entries = counts.iter().map(|&c| u64::from(c)).sum();
     check_host_memory(structure, question, entries)?;
-    let mut report = visit::report(structure, "two-pass", &["package::query::count", "package::query::fill"]);
+    let mut report = report_two_passes(structure, question);
     report.stages = counted.report.stages.iter().filter(|s| s.name != "total").cloned().collect();
     let mut neighbors = Neighbors::default();
     let per_entry = if super::on_device::needs_distances(question) { 8 } else { 4 };
-    let queries = QueryBuffers::in_caller_order(structure, question)?;
     let mut batches = 0;
     // One window of rows; halved further where its memory cannot be had.
     for window in windows(counts, gpu.limits().binding_bytes / per_entry) {
-        batches += halving(window.len(), |part| {
+        batches += halving(window.len(), 1, |part| {
             let part = window.start + part.start..window.start + part.end;
-            fill_part(structure, question, &queries, part.start as u32, &counts[part], &mut neighbors, &mut report)
+            let n_stages = report.stages.len();
+            let filled = fill_part(structure, question, part.clone(), &counts[part], &mut neighbors, &mut report);
+            if filled.is_err() {
+                report.stages.truncate(n_stages);
+            }
+            filled
         })?;
     }
     report.batches = batches;
@@ -90,12 +96,11 @@ fn batched_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> R
     Ok(Neighbors { offsets, report, ..neighbors })
 }
 
-/// Fills the rows of the queries from `first` on, whose lengths are `counts`, and appends them to `neighbors`.
+/// Fills the rows of these queries, whose lengths are `counts`, and appends them to `neighbors`, or nothing on failure.
 fn fill_part<S: GpuStructure>(
     structure: &S,
     question: &FixedRadius<'_>,
-    queries: &QueryBuffers,
-    first: u32,
+    window: Range<usize>,
     counts: &[u32],
     neighbors: &mut Neighbors,
     report: &mut Report,
@@ -113,9 +118,9 @@ fn fill_part<S: GpuStructure>(
         return Err(Error::OutOfDeviceMemory { what: "neighbour indices".into(), needed: total * 4, available });
     }
     let offsets = gpu.upload("row offsets", &offsets)?;
-    let window = Window { first, count: counts.len() as u32, first_id: first };
+    let queries = QueryBuffers::in_caller_order(structure, question, window)?;
     let mut commands = gpu.commands("fill rows");
-    let rows = record_fill(&mut commands, structure, question, (queries, window), &offsets, total as usize)?;
+    let rows = record_fill(&mut commands, structure, question, &queries, &offsets, total as usize)?;
     add_stages(report, &commands.run()?);
     let read = Instant::now();
     let indices = gpu.read(&rows.indices)?;
@@ -141,8 +146,8 @@ fn capped_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, cap: 
     };
     let mut made = Neighbors { offsets: vec![0], ..Neighbors::default() };
     let mut distances = Vec::new();
-    in_batches(structure, question, &mut report, |queries, window, report| {
-        let n = window.count as usize;
+    in_batches(structure, question, 1, &mut report, |queries, report| {
+        let n = queries.len();
         let ids: Buffer<u32> = gpu.buffer("nearest indices", n * places as usize)?;
         let dist2: Buffer<f32> = gpu.buffer("nearest distances", n * places as usize)?;
         let counts: Buffer<u32> = gpu.buffer("neighbour counts", n)?;
@@ -150,13 +155,13 @@ fn capped_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, cap: 
         let binds: [Bind; 4] = [(&ids).into(), (&dist2).into(), (&counts).into(), (&cap_uniform).into()];
         let mut commands = gpu.commands("nearest neighbours");
         commands.stage("query");
-        visit::record(&mut commands, structure, question, queries, window, &visitor, &binds)?;
+        visit::record(&mut commands, structure, question, queries, &visitor, &binds)?;
         add_stages(report, &commands.run()?);
         let read = Instant::now();
         let (ids, dist2, counts) = (gpu.read(&ids)?, gpu.read(&dist2)?, gpu.read(&counts)?);
         let entries = counts.iter().map(|&c| u64::from(c.min(places))).sum::<u64>() + made.indices.len() as u64;
         check_host_memory(structure, question, entries)?;
-        append_capped(&mut made, &mut distances, question, window.first_id, places, (&ids, &dist2, &counts));
+        append_capped(&mut made, &mut distances, question, queries.first_id(), places, (&ids, &dist2, &counts));
         report.host_stage("read back", read);
         Ok(())
     })?;

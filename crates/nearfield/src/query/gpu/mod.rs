@@ -12,4 +12,6 @@ mod visit;
 mod visitor;
 
 pub use on_device::{GpuNeighbors, SearchOnDevice};
+#[doc(hidden)]
+pub use visit::Batch;
 pub use visitor::{ForEachOnDevice, Visitor};

@@ -54,7 +54,7 @@ pub(super) fn record_fill<S: GpuStructure>(
     commands: &mut Commands,
     structure: &S,
     question: &FixedRadius<'_>,
-    (queries, window): (&QueryBuffers, visit::Window),
+    queries: &QueryBuffers,
     offsets: &Buffer<u32>,
     total: usize,
 ) -> Result<Rows> {
@@ -65,11 +65,11 @@ pub(super) fn record_fill<S: GpuStructure>(
     let mut binds: Vec<Bind> = vec![offsets.into(), (&indices).into()];
     binds.extend(dist2.as_ref().map(Bind::from));
     commands.stage("fill");
-    visit::record(commands, structure, question, queries, window, &fill(distances), &binds)?;
+    visit::record(commands, structure, question, queries, &fill(distances), &binds)?;
     if let (Some(dist2), true) = (&dist2, question.order != RowOrder::Unspecified) {
         commands.stage("sort rows");
         let by_index = question.order == RowOrder::Index;
-        let n_rows = gpu.uniform("row sort parameters", &[window.count, 0, 0, 0])?;
+        let n_rows = gpu.uniform("row sort parameters", &[queries.len() as u32, 0, 0, 0])?;
         let kernel = Kernel {
             visitor_bindings: &[Access::ReadWrite, Access::ReadWrite],
             features: &[("by_index", by_index)],
@@ -80,7 +80,7 @@ pub(super) fn record_fill<S: GpuStructure>(
             &gpu.pipeline(&kernel)?,
             &[(&n_rows).into(), offsets.into()],
             &[(&indices).into(), dist2.into()],
-            Workgroups::Covering(u64::from(window.count)),
+            Workgroups::Covering(queries.len() as u64),
         );
     }
     Ok(Rows { indices, dist2 })
@@ -102,7 +102,7 @@ pub trait SearchOnDevice: GpuStructure {
         let mut report = visit::report(self, "thread-a-query", &["package::query::count"]);
         let mut commands = self.gpu().commands("count neighbours");
         commands.stage("query");
-        visit::record(&mut commands, self, question, &queries, queries.whole(), &COUNT, &[(&counts).into()])?;
+        visit::record(&mut commands, self, question, &queries, &COUNT, &[(&counts).into()])?;
         add_stages(&mut report, &commands.run()?);
         Ok((counts, report))
     }
@@ -129,6 +129,15 @@ pub trait SearchOnDevice: GpuStructure {
 
 impl<S: GpuStructure> SearchOnDevice for S {}
 
+/// The report of a list by two passes, with the sort of its rows where they are ordered.
+pub(super) fn report_two_passes<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Report {
+    let mut report = visit::report(structure, "two-pass", &["package::query::count", "package::query::fill"]);
+    if question.order != RowOrder::Unspecified {
+        report.kernels.push("package::query::sort_rows".to_owned());
+    }
+    report
+}
+
 /// The two passes: count and scan, then fill. `accept` sees the number of entries before memory is taken for them.
 pub(super) fn list_on_device<S: GpuStructure>(
     structure: &S,
@@ -140,15 +149,14 @@ pub(super) fn list_on_device<S: GpuStructure>(
     }
     let gpu = structure.gpu();
     let n = question.len(structure.len());
-    let mut report = visit::report(structure, "two-pass", &["package::query::count", "package::query::fill"]);
+    let mut report = report_two_passes(structure, question);
     let queries = QueryBuffers::in_search_order(structure, question)?;
-    let window = queries.whole();
     let counts = gpu.buffer("neighbour counts", n)?;
     let offsets = gpu.buffer("row offsets", n + 1)?;
     let sum: Buffer<u64> = gpu.buffer("number of entries", 1)?;
     let mut commands = gpu.commands("count neighbours");
     commands.stage("count");
-    visit::record(&mut commands, structure, question, &queries, window, &COUNT, &[(&counts).into()])?;
+    visit::record(&mut commands, structure, question, &queries, &COUNT, &[(&counts).into()])?;
     commands.stage("scan");
     GpuScan::new(gpu, n)?.record(&mut commands, &counts, &offsets, n)?;
     GpuReduce::new(gpu)?.record_sum(&mut commands, &counts, n, &sum)?;
@@ -160,7 +168,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
         return Err(Error::OutOfDeviceMemory { what: "neighbour indices".into(), needed: total * 4, available });
     }
     let mut commands = gpu.commands("fill rows");
-    let rows = record_fill(&mut commands, structure, question, (&queries, window), &offsets, total as usize)?;
+    let rows = record_fill(&mut commands, structure, question, &queries, &offsets, total as usize)?;
     add_stages(&mut report, &commands.run()?);
     Ok(GpuNeighbors { offsets, indices: rows.indices, dist2: rows.dist2, report })
 }

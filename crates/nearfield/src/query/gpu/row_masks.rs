@@ -38,7 +38,6 @@ pub(super) fn list_on_device<S: GpuStructure>(
     let mut report = visit::report(structure, "row-masks", &visitors[..1]);
     report.kernels.push("package::query::expand_masks".to_owned());
     let queries = QueryBuffers::in_search_order(structure, question)?;
-    let window = queries.whole();
     let offsets = gpu.buffer("row offsets", n + 1)?;
     let words: Buffer<u32> = gpu.buffer("words of queries", n)?;
     let capacity = gpu.uniform("mask capacity", &[WORDS, n as u32, 0, 0])?;
@@ -57,7 +56,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
             [(&counts).into(), (&words).into(), (&masks).into(), (&overflowed).into(), (&capacity).into()];
         let mut commands = gpu.commands("find neighbours");
         commands.stage("count").clear(&overflowed);
-        visit::record(&mut commands, structure, question, &queries, window, &visitor, &binds)?;
+        visit::record(&mut commands, structure, question, &queries, &visitor, &binds)?;
         commands.stage("scan");
         GpuScan::new(gpu, n)?.record(&mut commands, &counts, &offsets, n)?;
         GpuReduce::new(gpu)?.record_sum(&mut commands, &counts, n, &sums)?;
@@ -70,23 +69,15 @@ pub(super) fn list_on_device<S: GpuStructure>(
         return Err(Error::OutOfDeviceMemory { what: "neighbour indices".into(), needed: total * 4, available });
     }
     let indices: Buffer<u32> = gpu.buffer("neighbour indices", total as usize)?;
-    let accesses =
-        [Access::Uniform, Access::Read, Access::Read, Access::Read, Access::Read, Access::Read, Access::ReadWrite];
+    let accesses = [Access::Uniform, Access::Read, Access::Read, Access::Read, Access::Read, Access::ReadWrite];
     let constants = [("WORKGROUP", f64::from(WORKGROUP))];
     let kernel = Kernel {
         constants: &constants,
         ..Kernel::new("package::query::expand_masks", "expand_masks", &accesses, WORKGROUP)
     };
-    let batch = gpu.uniform("expansion batch", &[WORDS, n as u32, window.first_id, 0])?;
-    let binds: [Bind; 7] = [
-        (&batch).into(),
-        (&queries.queries).into(),
-        (&words).into(),
-        (&masks).into(),
-        (&offsets).into(),
-        ids.into(),
-        (&indices).into(),
-    ];
+    let batch = gpu.uniform("expansion batch", &[WORDS, n as u32, 0, 0])?;
+    let binds: [Bind; 6] =
+        [(&batch).into(), (&words).into(), (&masks).into(), (&offsets).into(), ids.into(), (&indices).into()];
     let mut commands = gpu.commands("write rows");
     commands.stage("fill");
     if total > 0 {
@@ -101,7 +92,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
             accesses: &[Access::Read, Access::ReadWrite, Access::Read, Access::Uniform],
         };
         let binds: [Bind; 4] = [(&offsets).into(), (&indices).into(), (&words).into(), (&capacity).into()];
-        visit::record(&mut commands, structure, question, &queries, window, &visitor, &binds)?;
+        visit::record(&mut commands, structure, question, &queries, &visitor, &binds)?;
     }
     super::answers::add_stages(&mut report, &commands.run()?);
     Ok(GpuNeighbors { offsets, indices, dist2: None, report })

@@ -1,5 +1,6 @@
-//! Running a visitor over a window of queries.
+//! Running a visitor over all queries or a window of them.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
@@ -8,7 +9,7 @@ use crate::Result;
 use crate::gpu::shader::Fill;
 use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Pipeline, Workgroups};
 use crate::query::{FixedRadius, Queries, Radius, Report};
-use crate::structure::{DevicePoint, GpuStructure};
+use crate::structure::{DevicePoint, GpuStructure, device_points};
 
 /// Invocations of a workgroup of the query kernel.
 const WORKGROUP: u32 = 128;
@@ -16,9 +17,7 @@ const WORKGROUP: u32 = 128;
 /// `Batch` in fixed_radius.wesl, byte for byte.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub(super) struct Batch {
-    /// First query of the window.
-    pub first: u32,
+pub struct Batch {
     /// Number of queries.
     pub count: u32,
     /// The caller's index that has slot 0.
@@ -30,7 +29,7 @@ pub(super) struct Batch {
     /// The radius where all have one.
     pub radius: f32,
     /// Unused.
-    pub padding: [u32; 2],
+    pub padding: [u32; 3],
 }
 
 /// What a kernel does with each neighbour.
@@ -41,19 +40,13 @@ pub(super) struct VisitorCode<'a> {
     pub(super) accesses: &'a [Access],
 }
 
-/// Queries and radii on the device.
+/// Queries on the device, and their radii from that of the query with slot 0 on.
 #[derive(Debug)]
 pub(super) struct QueryBuffers {
-    pub(super) queries: Buffer<DevicePoint>,
+    queries: Buffer<DevicePoint>,
     radii: Buffer<f32>,
-}
-
-/// A window of queries: places in the query buffer, and the caller's index that has slot 0.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Window {
-    pub(super) first: u32,
-    pub(super) count: u32,
-    pub(super) first_id: u32,
+    /// The caller's index that has slot 0.
+    first_id: u32,
 }
 
 impl QueryBuffers {
@@ -63,51 +56,66 @@ impl QueryBuffers {
             Queries::Points => structure.points().clone(),
             Queries::Other(queries) => structure.upload_queries(queries)?,
         };
-        Self::with_radii(structure, queries, question)
+        let radii = radii(structure, question, 0..question.len(structure.len()))?;
+        Ok(Self { queries, radii, first_id: 0 })
     }
 
-    /// The queries of the question in the caller's order: any window of them has consecutive slots.
-    pub(super) fn in_caller_order<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Self> {
-        let gpu = structure.gpu();
-        let queries = match question.queries {
-            Queries::Other(queries) => gpu.upload("queries", &crate::structure::device_points(queries, 0))?,
-            Queries::Points => {
-                let restored = gpu.buffer("points in the caller's order", structure.len())?;
-                let n = gpu.uniform("restore parameters", &[structure.len() as u32, 0, 0, 0])?;
-                let bindings = [Access::Uniform, Access::Read, Access::ReadWrite];
-                let constants = [("WORKGROUP", f64::from(WORKGROUP))];
-                let kernel = Kernel {
-                    constants: &constants,
-                    ..Kernel::new("package::query::restore_order", "restore_order", &bindings, WORKGROUP)
-                };
-                let mut commands = gpu.commands("restore order");
-                commands.dispatch(
-                    &gpu.pipeline(&kernel)?,
-                    &[(&n).into(), structure.points().into(), (&restored).into()],
-                    Workgroups::Covering(structure.len() as u64),
-                );
-                commands.submit()?;
-                restored
-            }
-        };
-        Self::with_radii(structure, queries, question)
-    }
-
-    fn with_radii<S: GpuStructure>(
+    /// Consecutive queries in the caller's order, with slots from 0 on. The memory is that of the window.
+    pub(super) fn in_caller_order<S: GpuStructure>(
         structure: &S,
-        queries: Buffer<DevicePoint>,
         question: &FixedRadius<'_>,
+        window: Range<usize>,
     ) -> Result<Self> {
-        let radii = match question.radius {
-            Radius::One(radius) => structure.gpu().upload("radius", &[radius])?,
-            Radius::Each(radii) => structure.gpu().upload("radii", radii)?,
+        let first_id = window.start as u32;
+        let queries = match question.queries {
+            Queries::Other(queries) => {
+                structure.gpu().upload("queries", &device_points(&queries[window.clone()], first_id))?
+            }
+            Queries::Points => restored_points(structure, window.clone())?,
         };
-        Ok(Self { queries, radii })
+        Ok(Self { queries, radii: radii(structure, question, window)?, first_id })
     }
 
-    /// All queries.
-    pub(super) fn whole(&self) -> Window {
-        Window { first: 0, count: self.queries.len() as u32, first_id: 0 }
+    /// Number of queries.
+    pub(super) fn len(&self) -> usize {
+        self.queries.len()
+    }
+
+    /// The caller's index that has slot 0.
+    pub(super) fn first_id(&self) -> u32 {
+        self.first_id
+    }
+}
+
+/// Points of the structure with the caller's indices in `window`, in the caller's order.
+fn restored_points<S: GpuStructure>(structure: &S, window: Range<usize>) -> Result<Buffer<DevicePoint>> {
+    let gpu = structure.gpu();
+    let restored = gpu.buffer("points in the caller's order", window.len())?;
+    let parameters = [structure.len() as u32, window.start as u32, window.len() as u32, 0];
+    let parameters = gpu.uniform("restore parameters", &parameters)?;
+    let kernel = Kernel {
+        constants: &[("WORKGROUP", f64::from(WORKGROUP))],
+        ..Kernel::new(
+            "package::query::restore_order",
+            "restore_order",
+            &[Access::Uniform, Access::Read, Access::ReadWrite],
+            WORKGROUP,
+        )
+    };
+    let mut commands = gpu.commands("restore order");
+    commands.dispatch(
+        &gpu.pipeline(&kernel)?,
+        &[(&parameters).into(), structure.points().into(), (&restored).into()],
+        Workgroups::Covering(structure.len() as u64),
+    );
+    commands.submit()?;
+    Ok(restored)
+}
+
+fn radii<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, window: Range<usize>) -> Result<Buffer<f32>> {
+    match question.radius {
+        Radius::One(radius) => structure.gpu().upload("radius", &[radius]),
+        Radius::Each(radii) => structure.gpu().upload("radii", &radii[window]),
     }
 }
 
@@ -133,13 +141,12 @@ pub(super) fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>
     })
 }
 
-/// Records one run of the query kernel over a window of queries.
+/// Records one run of the query kernel over these queries.
 pub(super) fn record<S: GpuStructure>(
     commands: &mut Commands,
     structure: &S,
     question: &FixedRadius<'_>,
     queries: &QueryBuffers,
-    window: Window,
     visitor: &VisitorCode<'_>,
     visitor_binds: &[Bind],
 ) -> Result<()> {
@@ -149,18 +156,17 @@ pub(super) fn record<S: GpuStructure>(
         Radius::Each(_) => (1, 0.0),
     };
     let batch = Batch {
-        first: window.first,
-        count: window.count,
-        first_id: window.first_id,
+        count: queries.len() as u32,
+        first_id: queries.first_id,
         exclude_self: u32::from(question.exclude_self),
         own_radius,
         radius,
-        padding: [0; 2],
+        padding: [0; 3],
     };
     let batch = structure.gpu().uniform("query batch", &batch)?;
     let mut binds: Vec<Bind> = vec![(&batch).into(), (&queries.queries).into(), (&queries.radii).into()];
     binds.extend(structure.bindings().into_iter().map(|(_, bind)| bind));
-    commands.dispatch_with_visitor(&pipeline, &binds, visitor_binds, Workgroups::Covering(u64::from(window.count)));
+    commands.dispatch_with_visitor(&pipeline, &binds, visitor_binds, Workgroups::Covering(queries.len() as u64));
     Ok(())
 }
 

@@ -60,7 +60,7 @@ pub trait ForEachOnDevice: GpuStructure {
         let mut report = visit::report(self, "thread-a-query", &["the caller's visitor"]);
         let mut commands = self.gpu().commands("run a visitor");
         commands.stage("query");
-        visit::record(&mut commands, self, question, &queries, queries.whole(), &code, &binds)?;
+        visit::record(&mut commands, self, question, &queries, &code, &binds)?;
         add_stages(&mut report, &commands.run()?);
         Ok(report)
     }

@@ -14,11 +14,11 @@ const MAX_CELLS: f32 = (1 << 24) as f32;
 const DENSE_ENTRIES_PER_POINT: u64 = 8;
 /// Part of the radius added before cells are chosen. A point with d² ≤ r² in f32 lies within r·(1 + 2⁻²²) on each
 /// axis, whatever the compiler fuses.
-const RADIUS_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
+pub const RADIUS_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 /// Length added before cells are chosen: differences below it have a square that a device may flush to zero.
-const LENGTH_SLACK: f32 = 2e-19;
+pub const LENGTH_SLACK: f32 = 2e-19;
 /// Part of the period added on a periodic axis, for the rounding of the wrap.
-const PERIOD_SLACK: f32 = 1.0 / (1 << 20) as f32;
+pub const PERIOD_SLACK: f32 = 1.0 / (1 << 20) as f32;
 
 /// Geometry of a grid, in the bytes of the kernels' uniform.
 #[repr(C)]

@@ -30,4 +30,6 @@ pub use cpu::UniformGrid;
 #[cfg(feature = "gpu")]
 pub use gpu::{GpuUniformGrid, GridBuilder};
 pub use layout::GridLayout;
+#[doc(hidden)]
+pub use layout::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK};
 pub use settings::GridSettings;

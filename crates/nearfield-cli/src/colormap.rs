@@ -1,0 +1,71 @@
+//! Colours for values: a scale from dark violet to yellow, and distinct colours for cells.
+
+/// The viridis scale of Matplotlib (van der Walt and Smith 2015), as a sextic fit to its published table: within 0.015
+/// of it everywhere. `t` in 0 … 1.
+pub(crate) fn viridis(t: f32) -> [u8; 3] {
+    const FIT: [[f32; 3]; 7] = [
+        [0.277_727_3, 0.005_407_345, 0.334_099_8],
+        [0.105_093_04, 1.404_613_5, 1.384_590_1],
+        [-0.330_861_83, 0.214_847_56, 0.095_095_16],
+        [-4.634_230_5, -5.799_101, -19.332_441],
+        [6.228_27, 14.179_933, 56.690_55],
+        [4.776_385, -13.745_146, -65.353_035],
+        [-5.435_456, 4.645_852_6, 26.312_435],
+    ];
+    let t = t.clamp(0.0, 1.0);
+    [0, 1, 2].map(|c| {
+        let value = FIT.iter().rev().fold(0.0, |sum, row| sum * t + row[c]);
+        (value.clamp(0.0, 1.0) * 255.0).round() as u8
+    })
+}
+
+/// A bright colour of its own for every number.
+pub(crate) fn distinct(number: u64) -> [u8; 3] {
+    // The finaliser of SplitMix64: neighbouring numbers get unrelated hues.
+    let mut h = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    h ^= h >> 31;
+    let part = |shift: u32| ((h >> shift) & 0xffff) as f32 / 65536.0;
+    hsv(part(0), 0.45 + 0.45 * part(16), 0.75 + 0.25 * part(32))
+}
+
+/// Hue, saturation and value, each 0 … 1.
+fn hsv(hue: f32, saturation: f32, value: f32) -> [u8; 3] {
+    [5.0, 3.0, 1.0].map(|n: f32| {
+        let k = (n + hue * 6.0) % 6.0;
+        let channel = value - value * saturation * k.min(4.0 - k).clamp(0.0, 1.0);
+        (channel * 255.0).round() as u8
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn viridis_passes_through_its_published_colors() {
+        // Rows 0, 64, 128, 191 and 255 of the published table, in 8 bits.
+        let table = [
+            (0.0, [68, 1, 84]),
+            (64.0 / 255.0, [59, 82, 139]),
+            (128.0 / 255.0, [33, 145, 140]),
+            (191.0 / 255.0, [93, 201, 99]),
+            (1.0, [253, 231, 37]),
+        ];
+        for (t, expected) in table {
+            let found = viridis(t);
+            for c in 0..3 {
+                assert!(found[c].abs_diff(expected[c]) <= 6, "{t}: {found:?}, expected {expected:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn pure_hues_are_the_corners_of_the_color_cube() {
+        assert_eq!(hsv(0.0, 1.0, 1.0), [255, 0, 0]);
+        assert_eq!(hsv(1.0 / 3.0, 1.0, 1.0), [0, 255, 0]);
+        assert_eq!(hsv(2.0 / 3.0, 1.0, 1.0), [0, 0, 255]);
+        assert_eq!(hsv(0.5, 0.0, 1.0), [255, 255, 255]);
+    }
+}

@@ -1,0 +1,111 @@
+//! Opening input files: a path or `-`, a format by extension or by name, and the memory limit.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use nearfield::io::{Format, parse_cloud, parse_mesh};
+use nearfield::{Error, PointCloud, TriMesh};
+
+use crate::exit::Failure;
+use crate::options::Common;
+
+/// What the readers find in a sound file that holds only points, where a mesh is asked for.
+const NO_FACES: [&str; 2] = ["no faces", "only points"];
+
+/// The bytes of an input file.
+pub(crate) struct Input {
+    path: PathBuf,
+    format: Format,
+    bytes: Vec<u8>,
+}
+
+impl Input {
+    /// Reads the file whole; `-` is standard input and needs `format`.
+    pub(crate) fn open(path: &Path, format: Option<Format>, common: &Common) -> Result<Self, Failure> {
+        let format = match format {
+            Some(format) => format,
+            None if path == Path::new("-") => {
+                return Err(Failure::Usage("standard input has no extension: say its format with --format".into()));
+            }
+            None => Format::from_path(path).map_err(|e| missing_first(path, e))?,
+        };
+        let failed = |source| Failure::Read(path.to_owned(), Error::Io { path: path.to_owned(), source });
+        let bytes = if path == Path::new("-") {
+            let mut bytes = vec![];
+            // One byte more than allowed is enough to know.
+            let most = common.memory_left(0).unwrap_or(u64::MAX).saturating_add(1);
+            std::io::stdin().lock().take(most).read_to_end(&mut bytes).map_err(failed)?;
+            common.allow("the input", bytes.len() as u64).map_err(Failure::Search)?;
+            bytes
+        } else {
+            let size = std::fs::metadata(path).map_err(failed)?.len();
+            common.allow("the input", size).map_err(Failure::Search)?;
+            std::fs::read(path).map_err(failed)?
+        };
+        Ok(Self { path: path.to_owned(), format, bytes })
+    }
+
+    /// The format it is read as.
+    pub(crate) fn format(&self) -> Format {
+        self.format
+    }
+
+    /// Bytes in the file.
+    pub(crate) fn len(&self) -> u64 {
+        self.bytes.len() as u64
+    }
+
+    /// All points, the vertices where it is a mesh. NaN and infinite coordinates are kept.
+    pub(crate) fn cloud(&self) -> Result<PointCloud, Failure> {
+        parse_cloud(&self.bytes, self.format).map_err(|e| self.failure(e))
+    }
+
+    /// The mesh, where the file has faces.
+    pub(crate) fn mesh(&self) -> Result<Option<TriMesh>, Failure> {
+        if !self.format.info().reads_mesh {
+            return Ok(None);
+        }
+        match parse_mesh(&self.bytes, self.format) {
+            Ok(mesh) if mesh.triangles.is_empty() => Ok(None),
+            Ok(mesh) => Ok(Some(mesh)),
+            Err(Error::File(error)) if NO_FACES.contains(&error.found.as_str()) => Ok(None),
+            Err(error) => Err(self.failure(error)),
+        }
+    }
+
+    fn failure(&self, error: Error) -> Failure {
+        match error {
+            Error::File(mut file) => {
+                file.path = Some(crate::exit::shown(&self.path).into());
+                Failure::Read(self.path.clone(), Error::File(file))
+            }
+            other => Failure::Read(self.path.clone(), other),
+        }
+    }
+}
+
+/// A file that is not there is worth saying before its extension.
+fn missing_first(path: &Path, error: Error) -> Failure {
+    match std::fs::metadata(path) {
+        Err(source) => Failure::Read(path.to_owned(), Error::Io { path: path.to_owned(), source }),
+        Ok(_) => Failure::Search(error),
+    }
+}
+
+/// Checks that every point can be searched, after dropping those with NaN or infinite coordinates where wanted.
+pub(crate) fn searchable(
+    mut cloud: PointCloud,
+    path: &Path,
+    drop_invalid: bool,
+    notes: &mut Vec<String>,
+) -> Result<PointCloud, Failure> {
+    if drop_invalid {
+        let dropped = cloud.drop_invalid();
+        if dropped > 0 {
+            let what = "points with NaN or infinite coordinates were dropped; indices count those that are left";
+            notes.push(format!("{}: {dropped} {what}", crate::exit::shown(path)));
+        }
+    }
+    cloud.validate().map_err(Failure::reading(path))?;
+    Ok(cloud)
+}

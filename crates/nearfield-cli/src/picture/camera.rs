@@ -1,0 +1,188 @@
+//! Where the eye stands and how points land on the picture: a tilted parallel view for flat scans, a three-quarter
+//! perspective for the rest.
+
+use glam::{DVec3, Vec3};
+
+use super::Frame;
+
+/// The direction that is up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Up {
+    X,
+    Y,
+    Z,
+}
+
+/// A cloud thinner than this part of its width counts as flat.
+const FLAT: f64 = 0.3;
+/// Points that decide on the view; more would not change it.
+const SAMPLE: usize = 100_000;
+/// Part of the sample on each side that the view reaches for only so far: stray returns must not shrink the rest.
+const STRAY: f64 = 0.01;
+/// How far that is, as a part of the range of the others.
+const REACH: f64 = 0.2;
+
+/// Projects points onto the picture.
+#[derive(Debug, Clone)]
+pub(crate) struct Camera {
+    center: DVec3,
+    right: DVec3,
+    up: DVec3,
+    toward_eye: DVec3,
+    /// Distance of the eye from the center, infinite for a parallel view.
+    distance: f64,
+    scale: f64,
+    shift: [f64; 2],
+}
+
+/// A point on the picture.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Projected {
+    /// Pixels from the left.
+    pub(crate) x: f32,
+    /// Pixels from the top.
+    pub(crate) y: f32,
+    /// Pixels away from the eye, 0 at the center.
+    pub(crate) depth: f32,
+    /// How much larger than at the center things look.
+    pub(crate) zoom: f32,
+}
+
+impl Camera {
+    /// The view of `points` that fills `frame`.
+    pub(crate) fn fitted(points: &[Vec3], up: Up, frame: Frame) -> Self {
+        let step = points.len().div_ceil(SAMPLE).max(1);
+        let sample: Vec<DVec3> = points.iter().step_by(step).map(|p| p.as_dvec3()).collect();
+        let axis = |a: usize| inner_range(sample.iter().map(|p| p[a]).collect());
+        let ranges = [axis(0), axis(1), axis(2)];
+        let extent = DVec3::from_array(ranges.map(|[low, high]| high - low));
+        let center = DVec3::from_array(ranges.map(|[low, high]| 0.5 * low + 0.5 * high));
+
+        // Axes of the floor: what is seen from the front runs along `side`.
+        let (up_axis, side, front) = match up {
+            Up::X => (DVec3::X, DVec3::Y, DVec3::Z),
+            Up::Y => (DVec3::Y, DVec3::X, DVec3::Z),
+            Up::Z => (DVec3::Z, DVec3::X, DVec3::NEG_Y),
+        };
+        let (height, width, depth) = (extent.dot(up_axis).abs(), extent.dot(side).abs(), extent.dot(front).abs());
+        let flat = height < FLAT * width.max(depth);
+        let (side, front) = if flat && depth > 1.2 * width { (front, -side) } else { (side, front) };
+        let (turn, tilt) = if flat { (24f64, 38f64) } else { (32.0, 22.0) };
+        let (turn, tilt) = (turn.to_radians(), tilt.to_radians());
+        let level = front * turn.cos() + side * turn.sin();
+        let toward_eye = level * tilt.cos() + up_axis * tilt.sin();
+        let right = up_axis.cross(toward_eye).normalize();
+        let distance = if flat { f64::INFINITY } else { 1.7 * extent.length().max(f64::MIN_POSITIVE) };
+
+        let mut camera =
+            Self { center, right, up: toward_eye.cross(right), toward_eye, distance, scale: 1.0, shift: [0.0, 0.0] };
+        camera.fit(&sample, frame);
+        camera
+    }
+
+    fn fit(&mut self, sample: &[DVec3], frame: Frame) {
+        let seen: Vec<[f64; 3]> =
+            sample.iter().filter_map(|&p| self.on_plane(p)).map(|(x, y, _, z)| [x, y, z]).collect();
+        let range = |a: usize| inner_range(seen.iter().map(|s| s[a]).collect());
+        let ([left, right], [bottom, top]) = (range(0), range(1));
+        let per_unit = |pixels: f32, units: f64| if units > 0.0 { f64::from(pixels) / units } else { f64::INFINITY };
+        let scale = per_unit(frame.width, right - left).min(per_unit(frame.height, top - bottom));
+        self.scale = if scale.is_finite() { 0.96 * scale } else { 1.0 };
+        self.shift = [
+            f64::from(frame.left + 0.5 * frame.width) - self.scale * (0.5 * left + 0.5 * right),
+            f64::from(frame.top + 0.5 * frame.height) + self.scale * (0.5 * bottom + 0.5 * top),
+        ];
+    }
+
+    /// Right, up, distance behind the center and magnification, in the unit of the points.
+    fn on_plane(&self, point: DVec3) -> Option<(f64, f64, f64, f64)> {
+        let p = point - self.center;
+        let near = p.dot(self.toward_eye);
+        let zoom = if self.distance.is_finite() { self.distance / (self.distance - near) } else { 1.0 };
+        // Behind the eye, or so near that it would fill the picture.
+        (zoom > 0.0 && zoom < 20.0).then(|| (p.dot(self.right) * zoom, p.dot(self.up) * zoom, -near, zoom))
+    }
+
+    /// Where a point lands; `None` behind the eye.
+    pub(crate) fn project(&self, point: Vec3) -> Option<Projected> {
+        let (x, y, depth, zoom) = self.on_plane(point.as_dvec3())?;
+        Some(Projected {
+            x: (self.shift[0] + self.scale * x) as f32,
+            y: (self.shift[1] - self.scale * y) as f32,
+            depth: (self.scale * depth) as f32,
+            zoom: zoom as f32,
+        })
+    }
+
+    /// Unit vector from the center to the eye.
+    #[cfg(test)]
+    pub(crate) fn toward_eye(&self) -> Vec3 {
+        self.toward_eye.as_vec3()
+    }
+}
+
+/// The range of the values, strays at both ends only as far as [`REACH`] allows; 0 for none.
+fn inner_range(mut values: Vec<f64>) -> [f64; 2] {
+    if values.is_empty() {
+        return [0.0, 0.0];
+    }
+    values.sort_unstable_by(f64::total_cmp);
+    let (stray, last) = ((values.len() as f64 * STRAY) as usize, values.len() - 1);
+    let (low, high) = (values[stray], values[last - stray]);
+    let reach = REACH * (high - low);
+    [values[0].max(low - reach), values[last].min(high + reach)]
+}
+
+/// The direction that is most likely up: z for clouds that lie flat, y for formats of modelling programs, else z.
+pub(crate) fn likely_up(extent: Vec3, modelling: bool) -> Up {
+    let lies_flat = f64::from(extent.z) < FLAT * f64::from(extent.x.max(extent.y));
+    if modelling && !lies_flat { Up::Y } else { Up::Z }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FRAME: Frame = Frame { left: 10.0, top: 20.0, width: 400.0, height: 300.0 };
+
+    fn corners(size: Vec3) -> Vec<Vec3> {
+        (0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * size).collect()
+    }
+
+    #[test]
+    fn every_corner_of_a_box_lands_in_the_frame() {
+        for (size, up) in [(Vec3::ONE, Up::Z), (Vec3::new(9.0, 5.0, 0.5), Up::Z), (Vec3::new(1.0, 3.0, 1.0), Up::Y)] {
+            let points = corners(size);
+            let camera = Camera::fitted(&points, up, FRAME);
+            for &p in &points {
+                let seen = camera.project(p).unwrap();
+                assert!(seen.x >= 10.0 && seen.x <= 410.0 && seen.y >= 20.0 && seen.y <= 320.0, "{size}: {seen:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn up_is_up_and_a_nearer_point_has_less_depth() {
+        let camera = Camera::fitted(&corners(Vec3::ONE), Up::Y, FRAME);
+        let (low, high) = (camera.project(Vec3::ZERO).unwrap(), camera.project(Vec3::Y).unwrap());
+        assert!(high.y < low.y);
+        let nearer = camera.project(Vec3::splat(0.5) + camera.toward_eye()).unwrap();
+        assert!(nearer.depth < camera.project(Vec3::splat(0.5)).unwrap().depth);
+    }
+
+    #[test]
+    fn scans_stand_on_z_and_models_on_y() {
+        assert_eq!(likely_up(Vec3::new(9.0, 8.0, 1.0), true), Up::Z);
+        assert_eq!(likely_up(Vec3::ONE, true), Up::Y);
+        assert_eq!(likely_up(Vec3::ONE, false), Up::Z);
+    }
+
+    #[test]
+    fn one_stray_point_does_not_shrink_the_view() {
+        let mut points: Vec<Vec3> = corners(Vec3::ONE).repeat(1000);
+        points.push(Vec3::splat(1e6));
+        let camera = Camera::fitted(&points, Up::Z, FRAME);
+        let (a, b) = (camera.project(Vec3::ZERO).unwrap(), camera.project(Vec3::Z).unwrap());
+        assert!((a.y - b.y).abs() > 50.0);
+    }
+}

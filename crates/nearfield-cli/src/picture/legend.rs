@@ -1,0 +1,170 @@
+//! Title lines and the colour bar.
+
+use super::{Image, Scene, text};
+use crate::colormap::viridis;
+
+const INK: [u8; 3] = [228, 232, 238];
+const FAINT: [u8; 3] = [150, 158, 170];
+/// Width and longest height of the bar in pixels.
+const BAR: [usize; 2] = [18, 420];
+
+/// The colour bar: what its colours mean.
+#[derive(Debug, Clone)]
+pub(crate) struct Bar {
+    /// What is shown, such as "neighbours".
+    pub(crate) label: String,
+    /// The values of its ends.
+    pub(crate) scale: Scale,
+}
+
+/// A range of values that colours are stretched over.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Scale {
+    low: f32,
+    high: f32,
+    /// Whether values lie below or above the range.
+    clipped: [bool; 2],
+    /// Whether equal ratios rather than equal differences look equally far apart.
+    logarithmic: bool,
+}
+
+/// Part of the values at each end that shares the colour of the end.
+const TAIL: f64 = 0.01;
+/// A range whose middle value lies below this part of it is shown by ratios.
+const SKEWED: f32 = 0.2;
+
+impl Scale {
+    /// A scale over the bulk of the values, so that a few extreme ones do not make the rest look alike.
+    pub(crate) fn of(values: &[u32]) -> Self {
+        let mut sorted = values.to_vec();
+        sorted.sort_unstable();
+        let (Some(&min), Some(&max)) = (sorted.first(), sorted.last()) else {
+            return Self { low: 0.0, high: 0.0, clipped: [false; 2], logarithmic: false };
+        };
+        let tail = (sorted.len() as f64 * TAIL) as usize;
+        let (mut low, mut high) = (sorted[tail], sorted[sorted.len() - 1 - tail]);
+        // Clipping that gains little is not worth the doubt, nor is a bulk of one value.
+        if f64::from(high - low) > 0.8 * f64::from(max - min) || low == high {
+            (low, high) = (min, max);
+        }
+        let middle = sorted[sorted.len() / 2];
+        let logarithmic = ((middle - low) as f32) < SKEWED * (high - low) as f32;
+        Self { low: low as f32, high: high as f32, clipped: [min < low, max > high], logarithmic }
+    }
+
+    /// Colour of a value.
+    pub(crate) fn color(&self, value: u32) -> [u8; 3] {
+        scale_color(if self.high > self.low { self.place(value as f32) } else { 0.5 })
+    }
+
+    /// Where a value stands on the bar, 0 … 1 for the range.
+    fn place(&self, value: f32) -> f32 {
+        // One more, so that the count 0 has a logarithm.
+        let level = |v: f32| if self.logarithmic { (v.max(self.low) + 1.0).ln() } else { v };
+        (level(value) - level(self.low)) / (level(self.high) - level(self.low))
+    }
+
+    /// The value at a place of the bar.
+    fn value(&self, place: f32) -> f32 {
+        if self.logarithmic {
+            let ratio = (self.high + 1.0) / (self.low + 1.0);
+            return (self.low + 1.0) * ratio.powf(place) - 1.0;
+        }
+        self.low + place * (self.high - self.low)
+    }
+}
+
+/// The scale's colours; its darkest part would not stand out from the background.
+fn scale_color(t: f32) -> [u8; 3] {
+    viridis(0.16 + 0.84 * t.clamp(0.0, 1.0))
+}
+
+pub(super) fn draw(image: &mut Image, scene: &Scene<'_>) {
+    let width = image.width.saturating_sub(60);
+    let big = if text::size(&scene.title, 3)[0] <= width { 3 } else { 2 };
+    text::draw(image, 30, 20, &text::fitted(&scene.title, big, width), big, INK);
+    text::draw(image, 30, 26 + 9 * big, &text::fitted(&scene.subtitle, 2, width), 2, FAINT);
+    if let Some(bar) = &scene.bar {
+        draw_bar(image, bar);
+    }
+}
+
+fn draw_bar(image: &mut Image, bar: &Bar) {
+    let height = BAR[1].min(image.height.saturating_sub(160));
+    let (left, top) = (image.width.saturating_sub(136), (image.height + 60 - height) / 2);
+    text::draw(image, left, top - 30, &text::fitted(&bar.label, 2, 136), 2, FAINT);
+    for y in 0..height {
+        let color = scale_color(1.0 - y as f32 / (height - 1) as f32);
+        for x in 0..BAR[0] {
+            image.blend((left + x) as i64, (top + y) as i64, color, 1.0);
+        }
+    }
+    for (t, label) in ticks(&bar.scale) {
+        let y = top + ((1.0 - t) * (height - 1) as f32).round() as usize;
+        for x in 0..6 {
+            image.blend((left + BAR[0] + x) as i64, y as i64, INK, 1.0);
+        }
+        text::draw(image, left + BAR[0] + 10, y - 7, &label, 2, INK);
+    }
+}
+
+/// Places on the bar, 0 … 1, and what to write there.
+fn ticks(scale: &Scale) -> Vec<(f32, String)> {
+    let range = scale.high - scale.low;
+    if range <= 0.0 {
+        return vec![(0.5, format!("{}", scale.low))];
+    }
+    let steps = if range < 4.0 { range as usize } else { 4 };
+    let mut values: Vec<f32> = (0..=steps).map(|i| scale.value(i as f32 / steps as f32).round()).collect();
+    values.dedup();
+    let last = values.len() - 1;
+    let tick = |(i, &value): (usize, &f32)| {
+        let mark = match i {
+            0 if scale.clipped[0] => "<=",
+            i if i == last && scale.clipped[1] => ">=",
+            _ => "",
+        };
+        (scale.place(value), format!("{mark}{value}"))
+    };
+    values.iter().enumerate().map(tick).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_few_extreme_values_do_not_stretch_the_scale() {
+        let mut values: Vec<u32> = (0..1000).map(|i| 10 + i % 20).collect();
+        values.push(100_000);
+        let scale = Scale::of(&values);
+        assert_eq!(scale, Scale { low: 10.0, high: 29.0, clipped: [false, true], logarithmic: false });
+        assert_eq!(ticks(&scale).last().unwrap().1, ">=29");
+        assert_eq!(scale.color(100_000), scale.color(29));
+    }
+
+    #[test]
+    fn all_values_alike_have_one_tick() {
+        let scale = Scale::of(&[7; 30]);
+        assert_eq!(ticks(&scale), [(0.5, "7".to_owned())]);
+        assert_eq!(ticks(&Scale::of(&[])).len(), 1);
+    }
+
+    #[test]
+    fn skewed_values_are_shown_by_ratios() {
+        let values: Vec<u32> = (0..100).map(|i| if i < 90 { i % 4 } else { 255 }).collect();
+        let scale = Scale::of(&values);
+        // 1 + value runs over 1, 4, 16, 64, 256: equal ratios, equal steps.
+        let labels: Vec<(f32, String)> = ticks(&scale);
+        let expected = [(0.0, 0), (0.25, 3), (0.5, 15), (0.75, 63), (1.0, 255)];
+        for ((t, label), (place, value)) in labels.iter().zip(expected) {
+            assert!((t - place).abs() < 1e-3 && *label == value.to_string(), "{labels:?}");
+        }
+    }
+
+    #[test]
+    fn small_ranges_have_whole_ticks() {
+        let labels: Vec<String> = ticks(&Scale::of(&[1, 2, 3])).into_iter().map(|t| t.1).collect();
+        assert_eq!(labels, ["1", "2", "3"]);
+    }
+}

@@ -1,0 +1,156 @@
+//! Pictures of point clouds: a camera that fits itself, depth-tested splats, shading from the depth, and a legend.
+//!
+//! Everything is drawn at twice the size and averaged down, except the text.
+
+mod camera;
+mod legend;
+mod shade;
+mod splat;
+mod text;
+
+use std::io::{self, Write};
+
+use nearfield::Vec3;
+
+use crate::options::PictureSize;
+
+use camera::Camera;
+pub(crate) use camera::{Up, likely_up};
+pub(crate) use legend::{Bar, Scale};
+
+/// Linear factor of the first drawing over the picture.
+const OVERSAMPLING: u32 = 2;
+/// Software named in the file, by which a picture of ours is known again.
+const SOFTWARE: &str = "nearfield";
+
+/// What to draw.
+pub(crate) struct Scene<'a> {
+    /// [n] positions.
+    pub(crate) points: &'a [Vec3],
+    /// [n] colours.
+    pub(crate) colors: &'a [[u8; 3]],
+    /// [n] how much larger than usual a point is drawn, or all alike where empty.
+    pub(crate) sizes: &'a [f32],
+    /// What the camera looks at: these points, or all where empty.
+    pub(crate) focus: &'a [Vec3],
+    /// The direction that is up.
+    pub(crate) up: Up,
+    /// First line.
+    pub(crate) title: String,
+    /// Second line.
+    pub(crate) subtitle: String,
+    /// The colour scale.
+    pub(crate) bar: Option<Bar>,
+}
+
+/// Pixels, row by row from the top, red, green and blue.
+pub(crate) struct Image {
+    width: usize,
+    height: usize,
+    pixels: Vec<[u8; 3]>,
+}
+
+/// A rectangle of a picture in pixels.
+#[derive(Debug, Clone, Copy)]
+struct Frame {
+    left: f32,
+    top: f32,
+    width: f32,
+    height: f32,
+}
+
+/// Draws the scene.
+pub(crate) fn draw(scene: &Scene<'_>, size: PictureSize) -> Image {
+    let (width, height) = ((size.width * OVERSAMPLING) as usize, (size.height * OVERSAMPLING) as usize);
+    let unit = OVERSAMPLING as f32;
+    let right = if scene.bar.is_some() { 160.0 } else { 30.0 };
+    let frame = Frame {
+        left: 30.0 * unit,
+        top: 76.0 * unit,
+        width: (size.width as f32 - 30.0 - right) * unit,
+        height: (size.height as f32 - 76.0 - 30.0) * unit,
+    };
+    let focus = if scene.focus.is_empty() { scene.points } else { scene.focus };
+    let camera = Camera::fitted(focus, scene.up, frame);
+    // What the view does not reach for may show at the edges, but not under the text.
+    let edge = 6.0 * unit;
+    let [left, top] = [frame.left - edge, frame.top - edge].map(|side| side.max(0.0));
+    let shown = Frame {
+        left,
+        top,
+        width: frame.left + frame.width + edge.min(frame.left) - left,
+        height: frame.top + frame.height + edge - top,
+    };
+    let layers = splat::draw(scene, &camera, shown, width, height);
+    let mut image = shade::shaded(&layers, scene.colors, OVERSAMPLING as usize);
+    legend::draw(&mut image, scene);
+    image
+}
+
+impl Image {
+    /// Paints one pixel over, `alpha` 0 … 1; outside the picture nothing happens.
+    fn blend(&mut self, x: i64, y: i64, color: [u8; 3], alpha: f32) {
+        if (0..self.width as i64).contains(&x) && (0..self.height as i64).contains(&y) {
+            let pixel = &mut self.pixels[y as usize * self.width + x as usize];
+            for (old, new) in pixel.iter_mut().zip(color) {
+                *old = (f32::from(*old) * (1.0 - alpha) + f32::from(new) * alpha).round() as u8;
+            }
+        }
+    }
+
+    /// Writes the picture as PNG.
+    pub(crate) fn write_png(&self, w: &mut dyn Write) -> io::Result<()> {
+        let mut encoder = png::Encoder::new(w, self.width as u32, self.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Balanced);
+        encoder.add_text_chunk("Software".to_owned(), SOFTWARE.to_owned()).map_err(io::Error::other)?;
+        let mut writer = encoder.write_header().map_err(io::Error::other)?;
+        writer.write_image_data(self.pixels.as_flattened()).map_err(io::Error::other)?;
+        writer.finish().map_err(io::Error::other)
+    }
+}
+
+/// Whether these are the first bytes of a picture that this program wrote.
+pub(crate) fn is_ours(head: &[u8]) -> bool {
+    let mark = [b"tEXtSoftware\0", SOFTWARE.as_bytes()].concat();
+    head.starts_with(b"\x89PNG") && head.windows(mark.len()).any(|w| w == mark)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scene<'a>(points: &'a [Vec3], colors: &'a [[u8; 3]]) -> Scene<'a> {
+        Scene {
+            points,
+            colors,
+            sizes: &[],
+            focus: &[],
+            up: Up::Z,
+            title: "title".into(),
+            subtitle: String::new(),
+            bar: None,
+        }
+    }
+
+    const SIZE: PictureSize = PictureSize { width: 320, height: 240 };
+
+    #[test]
+    fn nothing_equal_and_far_points_can_be_drawn() {
+        for points in [vec![], vec![Vec3::splat(7.0)], vec![Vec3::ONE; 50], vec![Vec3::splat(-1e18), Vec3::splat(1e18)]]
+        {
+            let colors = vec![[200; 3]; points.len()];
+            let image = draw(&scene(&points, &colors), SIZE);
+            assert_eq!((image.width, image.height, image.pixels.len()), (320, 240, 320 * 240));
+        }
+    }
+
+    #[test]
+    fn our_own_pictures_are_known_again() {
+        let mut bytes = vec![];
+        draw(&scene(&[], &[]), SIZE).write_png(&mut bytes).unwrap();
+        assert!(is_ours(&bytes));
+        assert!(!is_ours(&bytes[1..]) && !is_ours(b"\x89PNG tEXtSoftware\0gimp"));
+    }
+}

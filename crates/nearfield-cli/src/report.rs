@@ -1,0 +1,267 @@
+//! The summary of a search, as lines for people and as one JSON object for programs.
+
+use std::io::Write;
+
+use nearfield::query::{Clock, Stage};
+use nearfield::{Report, query::Summary};
+use serde_json::{Map, Value, json};
+
+use crate::exit::Failure;
+
+/// Wall-clock milliseconds of the stages of the command, in the order they ran.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Times {
+    pub(crate) read: f64,
+    /// Opening the device and compiling what runs on it.
+    pub(crate) open: f64,
+    pub(crate) upload: f64,
+    pub(crate) build: f64,
+    pub(crate) query: f64,
+    pub(crate) read_back: f64,
+    pub(crate) write: f64,
+    pub(crate) picture: f64,
+}
+
+impl Times {
+    /// Splits the wall time of building an index by what the index says of its stages.
+    pub(crate) fn built(&mut self, wall: f64, stages: &[Stage]) {
+        let sum =
+            |keep: &dyn Fn(&Stage) -> bool| -> f64 { stages.iter().filter(|s| keep(s)).map(|s| s.milliseconds).sum() };
+        self.upload += sum(&|s| s.name == "upload");
+        self.build += sum(&|s| s.name != "upload" && s.name != "total");
+        self.open += (wall - self.upload - self.build).max(0.0);
+    }
+
+    /// Splits the wall time of a question by what its report says.
+    pub(crate) fn asked(&mut self, wall: f64, report: &Report) {
+        let upload = report.milliseconds("upload", Clock::Host);
+        let read_back = report.milliseconds("read back", Clock::Host);
+        self.upload += upload;
+        self.read_back += read_back;
+        self.query += (wall - upload - read_back).max(0.0);
+    }
+
+    fn named(&self) -> [(&'static str, f64); 8] {
+        [
+            ("read", self.read),
+            ("open", self.open),
+            ("upload", self.upload),
+            ("build", self.build),
+            ("query", self.query),
+            ("read_back", self.read_back),
+            ("write", self.write),
+            ("picture", self.picture),
+        ]
+    }
+}
+
+/// Everything worth saying about a search.
+#[derive(Debug, Clone)]
+pub(crate) struct SearchSummary {
+    pub(crate) points: u64,
+    pub(crate) queries: u64,
+    pub(crate) radius: f32,
+    pub(crate) neighbors: Summary,
+    pub(crate) memory_bytes: u64,
+    pub(crate) cut_rows: u64,
+    pub(crate) cut_neighbors: u64,
+    pub(crate) report: Report,
+    pub(crate) build_stages: Vec<Stage>,
+    pub(crate) notes: Vec<String>,
+    pub(crate) times: Times,
+}
+
+impl SearchSummary {
+    /// The object that `--json` prints.
+    pub(crate) fn json(&self) -> Value {
+        let milliseconds: Map<String, Value> =
+            self.times.named().into_iter().map(|(name, ms)| (name.to_owned(), rounded(ms))).collect();
+        let stage = |s: &Stage| {
+            let clock = if s.clock == Clock::Device { "device" } else { "host" };
+            json!({ "name": s.name, "milliseconds": rounded(s.milliseconds), "clock": clock })
+        };
+        json!({
+            "points": self.points,
+            "queries": self.queries,
+            "radius": shortest(self.radius),
+            "neighbors_total": self.neighbors.total,
+            "neighbors_mean": self.neighbors.mean,
+            "neighbors_min": self.neighbors.min,
+            "neighbors_max": self.neighbors.max,
+            "cut_rows": self.cut_rows,
+            "cut_neighbors": self.cut_neighbors,
+            "device": self.report.device,
+            "structure": self.report.structure,
+            "search": self.report.search,
+            "kernels": self.report.kernels,
+            "batches": self.report.batches,
+            "milliseconds": milliseconds,
+            "build_stages": self.build_stages.iter().map(stage).collect::<Vec<_>>(),
+            "query_stages": self.report.stages.iter().map(stage).collect::<Vec<_>>(),
+            "memory_bytes": self.memory_bytes,
+            "notes": self.notes,
+        })
+    }
+
+    /// The lines for people.
+    pub(crate) fn lines(&self) -> String {
+        let n = &self.neighbors;
+        let times: Vec<String> = self
+            .times
+            .named()
+            .into_iter()
+            .filter(|&(name, ms)| ms > 0.0 || !matches!(name, "open" | "picture"))
+            .map(|(name, ms)| format!("{} {}", name.replace('_', " "), shown_ms(ms)))
+            .collect();
+        let batches = match self.report.batches {
+            0 | 1 => String::new(),
+            n => format!(", {n} batches"),
+        };
+        let rows = [
+            ("points", grouped(self.points)),
+            ("queries", grouped(self.queries)),
+            ("radius", format!("{}", self.radius)),
+            (
+                "neighbours",
+                format!("mean {:.2}, min {}, max {}, total {}", n.mean, n.min, grouped(n.max.into()), grouped(n.total)),
+            ),
+            ("device", self.report.device.clone()),
+            (
+                "structure",
+                format!("{} ({}{batches}), {}", self.report.structure, self.report.search, size(self.memory_bytes)),
+            ),
+            ("time", times.join(", ")),
+        ];
+        let mut text = String::new();
+        for (name, value) in rows {
+            text += &format!("{name:<12}{value}\n");
+        }
+        for note in self.all_notes() {
+            text += &format!("{:<12}{note}\n", "note");
+        }
+        text
+    }
+
+    fn all_notes(&self) -> Vec<String> {
+        let mut notes = self.notes.clone();
+        notes.extend(self.cut_note());
+        notes
+    }
+
+    /// What the cap left out, where it did.
+    pub(crate) fn cut_note(&self) -> Option<String> {
+        let (rows, missing) = (grouped(self.cut_rows), grouped(self.cut_neighbors));
+        (self.cut_rows > 0).then(|| {
+            format!("{rows} rows were cut by --max-neighbors: the nearest are kept, {missing} neighbours are left out")
+        })
+    }
+}
+
+/// Prints to standard output.
+pub(crate) fn print(text: &str) -> Result<(), Failure> {
+    let mut stdout = std::io::stdout().lock();
+    stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()).map_err(Failure::stdout)
+}
+
+/// Prints one JSON value on one line to standard output.
+pub(crate) fn print_json(value: &Value) -> Result<(), Failure> {
+    print(&format!("{value}\n"))
+}
+
+/// The shortest number that is this f32: 0.1 rather than the 0.10000000149 it is as an f64.
+fn shortest(value: f32) -> Value {
+    json!(value.to_string().parse::<f64>().unwrap_or(f64::from(value)))
+}
+
+/// Microseconds are enough.
+fn rounded(milliseconds: f64) -> Value {
+    json!((milliseconds * 1e3).round() / 1e3)
+}
+
+/// Milliseconds for people.
+pub(crate) fn shown_ms(milliseconds: f64) -> String {
+    match milliseconds {
+        ms if ms >= 10_000.0 => format!("{:.1} s", ms / 1e3),
+        ms if ms >= 100.0 => format!("{ms:.0} ms"),
+        ms if ms >= 1.0 || ms == 0.0 => format!("{ms:.1} ms"),
+        ms => format!("{ms:.3} ms"),
+    }
+}
+
+/// A whole number with commas every three digits.
+pub(crate) fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+/// Bytes for people.
+pub(crate) fn size(bytes: u64) -> String {
+    let units = ["B", "KiB", "MiB", "GiB", "TiB"];
+    let (mut value, mut unit) = (bytes as f64, 0);
+    while value >= 1024.0 && unit + 1 < units.len() {
+        value /= 1024.0;
+        unit += 1;
+    }
+    if unit == 0 { format!("{bytes} B") } else { format!("{value:.1} {}", units[unit]) }
+}
+
+/// A table with aligned columns: the first row is the heading; columns of `right` are set to the right.
+pub(crate) fn table(rows: &[Vec<String>], right: &[usize]) -> String {
+    let n_columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(|cell| cell.chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..n_columns).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        let cells: Vec<String> = row
+            .iter()
+            .enumerate()
+            .map(|(c, cell)| {
+                let width = widths[c];
+                if right.contains(&c) { format!("{cell:>width$}") } else { format!("{cell:<width$}") }
+            })
+            .collect();
+        text += cells.join("  ").trim_end();
+        text.push('\n');
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_grouped_by_three() {
+        let shown = [0, 12, 999, 1000, 1_234_567].map(grouped);
+        assert_eq!(shown, ["0", "12", "999", "1,000", "1,234,567"]);
+    }
+
+    #[test]
+    fn sizes_have_units() {
+        assert_eq!([512, 1536, 3 << 30].map(size), ["512 B", "1.5 KiB", "3.0 GiB"]);
+    }
+
+    #[test]
+    fn tables_are_aligned() {
+        let rows = [vec!["a".to_owned(), "n".to_owned()], vec!["long".to_owned(), "12".to_owned()]];
+        assert_eq!(table(&rows, &[1]), "a      n\nlong  12\n");
+    }
+
+    #[test]
+    fn wall_time_is_split_without_a_rest() {
+        let stage = |name, milliseconds, clock| Stage { name, milliseconds, clock };
+        let mut times = Times::default();
+        times.built(10.0, &[stage("upload", 2.0, Clock::Host), stage("sort", 3.0, Clock::Device)]);
+        let stages = vec![stage("query", 1.0, Clock::Device), stage("read back", 4.0, Clock::Host)];
+        times.asked(7.0, &Report { stages, ..Report::default() });
+        assert_eq!((times.open, times.upload, times.build), (5.0, 2.0, 3.0));
+        assert_eq!((times.query, times.read_back), (3.0, 4.0));
+    }
+}

@@ -1,0 +1,116 @@
+//! The expected answers: every query against every point with the documented formula, written out here once more so
+//! that nothing of the library stands on both sides of a comparison.
+
+use nearfield::Vec3;
+
+/// Index and squared distance of a neighbour.
+pub(crate) type Hit = (u32, f32);
+
+/// Difference of two points, brought to the nearest image on the axes that have a period.
+pub(crate) fn difference(a: Vec3, b: Vec3, period: Vec3) -> [f32; 3] {
+    [0, 1, 2].map(|axis| {
+        let (d, length) = (a[axis] - b[axis], period[axis]);
+        if length > 0.0 { d - length * (d * (1.0 / length)).round_ties_even() } else { d }
+    })
+}
+
+/// Squared distance: (dx·dx + dy·dy) + dz·dz in f32, never fused.
+pub(crate) fn dist2(a: Vec3, b: Vec3, period: Vec3) -> f32 {
+    let [dx, dy, dz] = difference(a, b, period);
+    (dx * dx + dy * dy) + dz * dz
+}
+
+/// Length of the f32 difference, in f64: what any rounding of the formula is near to.
+pub(crate) fn distance(a: Vec3, b: Vec3, period: Vec3) -> f64 {
+    let [dx, dy, dz] = difference(a, b, period).map(f64::from);
+    (dx * dx + dy * dy + dz * dz).sqrt()
+}
+
+/// What is asked of which points, and the true rows.
+pub(crate) struct Problem<'a> {
+    pub(crate) points: &'a [Vec3],
+    pub(crate) queries: &'a [Vec3],
+    /// Whether the queries are the points themselves.
+    pub(crate) own: bool,
+    /// [q]
+    pub(crate) radii: Vec<f32>,
+    /// Length per axis; 0 where not periodic.
+    pub(crate) period: Vec3,
+    /// Rows of all queries, or of a sample where all would take too long; ascending by query.
+    pub(crate) truth: Vec<Row>,
+}
+
+/// Everything within the radius of a query, itself included.
+pub(crate) struct Row {
+    pub(crate) query: u32,
+    /// Ascending by index.
+    pub(crate) hits: Vec<Hit>,
+}
+
+/// Pairs of query and point that one reference may take.
+const MOST_PAIRS: usize = 400_000_000;
+
+impl<'a> Problem<'a> {
+    /// Finds the true rows.
+    pub(crate) fn solve(points: &'a [Vec3], queries: &'a [Vec3], own: bool, radii: Vec<f32>, period: Vec3) -> Self {
+        let sample = (MOST_PAIRS / points.len().max(1)).clamp(1, queries.len().max(1));
+        let step = queries.len().div_ceil(sample).max(1);
+        let row = |query: usize| {
+            let radius2 = radii[query] * radii[query];
+            let hits = points.iter().enumerate().map(|(i, &p)| (i as u32, dist2(queries[query], p, period)));
+            Row { query: query as u32, hits: hits.filter(|&(_, d2)| d2 <= radius2).collect() }
+        };
+        let truth = (0..queries.len()).step_by(step).map(row).collect();
+        Self { points, queries, own, radii, period, truth }
+    }
+
+    /// Whether `truth` has every row.
+    pub(crate) fn is_complete(&self) -> bool {
+        self.truth.len() == self.queries.len()
+    }
+
+    /// The true row without the query itself, where it is left out.
+    pub(crate) fn row(&self, row: &Row, exclude_self: bool) -> Vec<Hit> {
+        row.hits.iter().copied().filter(|hit| !(exclude_self && self.own && hit.0 == row.query)).collect()
+    }
+
+    /// Distance of a query from a point.
+    pub(crate) fn distance(&self, query: u32, point: u32) -> f64 {
+        distance(self.queries[query as usize], self.points[point as usize], self.period)
+    }
+
+    /// Distance from the sphere's surface within which a device may decide either way.
+    pub(crate) fn slack(&self, query: u32, point: u32) -> f64 {
+        let radius = self.radii[query as usize];
+        let (a, b) = (self.queries[query as usize], self.points[point as usize]);
+        // A fused wrap skips the rounding of length × turns, which is exact for one turn and less.
+        let wraps = (0..3).map(|axis| match self.period[axis] {
+            length if length > 0.0 && (a[axis] - b[axis]).abs() > 1.5 * length => ulp(a[axis] - b[axis]),
+            _ => 0.0,
+        });
+        4.0 * ulp(radius) + flushed(radius) + wraps.sum::<f64>()
+    }
+
+    /// Whether a device may take the point either way.
+    pub(crate) fn is_marginal(&self, query: u32, point: u32) -> bool {
+        let off = self.distance(query, point) - f64::from(self.radii[query as usize]);
+        off.abs() <= self.slack(query, point)
+    }
+
+    /// Number of points that are no neighbours, but so near the surface that a device may count them.
+    pub(crate) fn marginal_outside(&self, row: &Row) -> usize {
+        let is_inside = |i: &u32| row.hits.binary_search_by_key(i, |hit| hit.0).is_ok();
+        let outside = (0..self.points.len() as u32).filter(|i| !is_inside(i));
+        outside.filter(|&i| self.is_marginal(row.query, i)).count()
+    }
+}
+
+/// Distance from `x` to the next f32 away from zero.
+pub(crate) fn ulp(x: f32) -> f64 {
+    f64::from(x.abs().next_up()) - f64::from(x.abs())
+}
+
+/// Lengths whose square a device may flush to zero: below the root of the smallest normal number.
+fn flushed(radius: f32) -> f64 {
+    if radius < 4e-19 { 1.1e-19 } else { 0.0 }
+}

@@ -1,0 +1,283 @@
+//! What is tested: every structure on every device, built in every way that changes how it searches.
+
+use std::ops::ControlFlow;
+
+use nearfield::geometry::Period;
+use nearfield::{
+    Aabb, BruteForce, FixedRadius, ForEachNeighbor, GridSettings, Neighbor, NeighborSearch, Report, Result,
+    UniformGrid, Vec3,
+};
+#[cfg(feature = "gpu")]
+use nearfield::{
+    query::{ForEachOnDevice, Visitor as DeviceVisitor},
+    structure::{GpuBruteForce, GpuUniformGrid},
+};
+
+use crate::cases::Case;
+use crate::compare::{Rule, Verdict};
+
+/// One way to build one structure on one device.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Subject {
+    /// The structure, as reports name it.
+    pub(crate) structure: &'static str,
+    pub(crate) device: Device,
+    /// What is special about this build.
+    pub(crate) variant: &'static str,
+    build: fn(&Plan<'_>) -> Result<Box<dyn Built>>,
+}
+
+/// Where a subject runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Device {
+    Cpu,
+    #[cfg(feature = "gpu")]
+    Gpu,
+}
+
+/// What an answer was made for: it decides which search and kernels must have run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Asked {
+    Count,
+    List { sorted: bool },
+    CappedList,
+    Nearest,
+}
+
+/// What a build gets to know.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Plan<'a> {
+    pub(crate) points: &'a [Vec3],
+    pub(crate) radius: f32,
+    pub(crate) period: Period,
+}
+
+impl<'a> Plan<'a> {
+    pub(crate) fn of(case: &'a Case) -> Self {
+        let period = Period::new(case.period).expect("a case should have a sound period");
+        Self { points: &case.points, radius: case.radius, period }
+    }
+}
+
+/// A function called with a query and its neighbour.
+pub(crate) type Visitor<'a> = dyn Fn(u32, Neighbor) -> ControlFlow<()> + Sync + 'a;
+
+/// A structure, ready for questions.
+pub(crate) trait Built: NeighborSearch {
+    /// Visits every neighbour; `None` where the structure has no such query.
+    fn visit(&self, question: &FixedRadius<'_>, visitor: &Visitor<'_>) -> Option<Result<()>>;
+    /// Visits the neighbours of one place; `None` where the structure has no such query.
+    fn visit_at(&self, center: Vec3, radius: f32, visitor: &Visitor<'_>) -> Option<Result<()>>;
+    /// The first broken invariant in words.
+    fn broken_invariant(&self) -> Option<String>;
+    /// Runs a caller's kernel on every neighbour; `None` where the structure has no such query.
+    #[cfg(feature = "gpu")]
+    fn run_visitor(&self, _: &FixedRadius<'_>, _: &DeviceVisitor<'_>) -> Option<Result<Report>> {
+        None
+    }
+}
+
+macro_rules! on_cpu {
+    ($structure:ty, $invariant:expr) => {
+        impl Built for $structure {
+            fn visit(&self, question: &FixedRadius<'_>, visitor: &Visitor<'_>) -> Option<Result<()>> {
+                Some(self.for_each(question, visitor))
+            }
+
+            fn visit_at(&self, center: Vec3, radius: f32, visitor: &Visitor<'_>) -> Option<Result<()>> {
+                Some(self.for_each_at(center, radius, |neighbor| visitor(0, neighbor)))
+            }
+
+            fn broken_invariant(&self) -> Option<String> {
+                $invariant(self)
+            }
+        }
+    };
+}
+
+on_cpu!(BruteForce, |_| None);
+on_cpu!(UniformGrid, UniformGrid::broken_invariant);
+
+/// Settings of a grid over a plan.
+type Settings = fn(&Plan<'_>) -> GridSettings;
+
+/// Builds of the grid: cells as large as the radius, far smaller, far larger, and bounds that leave points out.
+const GRIDS: &[(&str, Settings)] = &[
+    ("cells-like-the-radius", |plan| GridSettings::for_radius(plan.radius)),
+    ("cells-a-sixteenth", |plan| GridSettings { refine_x: 1, ..GridSettings::for_radius(plan.radius / 16.0) }),
+    ("cells-a-third-refined", |plan| GridSettings { refine_x: 8, ..GridSettings::for_radius(plan.radius / 3.0) }),
+    ("cells-twenty-times", |plan| GridSettings { refine_x: 3, ..GridSettings::for_radius(plan.radius * 20.0) }),
+    ("cells-by-density", |_| GridSettings::by_density()),
+    ("bounds-of-a-quarter", |plan| {
+        let settings = GridSettings::for_radius(plan.radius);
+        let quarter = &plan.points[..plan.points.len().div_ceil(4)];
+        if quarter.is_empty() { settings } else { settings.bounds(Aabb::of_points(quarter)) }
+    }),
+];
+
+macro_rules! grid_on_cpu {
+    ($number:literal) => {
+        Subject {
+            structure: "uniform-grid",
+            device: Device::Cpu,
+            variant: GRIDS[$number].0,
+            build: |plan| {
+                let settings = GRIDS[$number].1(plan).periodic(plan.period);
+                Ok(Box::new(UniformGrid::build(plan.points, &settings)?))
+            },
+        }
+    };
+}
+
+#[cfg(feature = "gpu")]
+macro_rules! on_gpu {
+    ($structure:ty) => {
+        impl Built for $structure {
+            fn visit(&self, _: &FixedRadius<'_>, _: &Visitor<'_>) -> Option<Result<()>> {
+                None
+            }
+
+            fn visit_at(&self, _: Vec3, _: f32, _: &Visitor<'_>) -> Option<Result<()>> {
+                None
+            }
+
+            fn broken_invariant(&self) -> Option<String> {
+                None
+            }
+
+            fn run_visitor(&self, question: &FixedRadius<'_>, visitor: &DeviceVisitor<'_>) -> Option<Result<Report>> {
+                Some(self.for_each_on_device(question, visitor))
+            }
+        }
+    };
+}
+
+#[cfg(feature = "gpu")]
+on_gpu!(GpuBruteForce);
+#[cfg(feature = "gpu")]
+on_gpu!(GpuUniformGrid);
+
+#[cfg(feature = "gpu")]
+macro_rules! grid_on_gpu {
+    ($number:literal) => {
+        Subject {
+            structure: "uniform-grid",
+            device: Device::Gpu,
+            variant: GRIDS[$number].0,
+            build: |plan| {
+                let settings = GRIDS[$number].1(plan).periodic(plan.period);
+                Ok(Box::new(GpuUniformGrid::build(device(), plan.points, &settings)?))
+            },
+        }
+    };
+}
+
+/// The device of the process; trials that need it do not start without it.
+#[cfg(feature = "gpu")]
+pub(crate) fn device() -> &'static nearfield::gpu::Gpu {
+    crate::support::gpu().expect("trials on the GPU should not start without one")
+}
+
+/// Every subject.
+pub(crate) const SUBJECTS: &[Subject] = &[
+    Subject {
+        structure: "brute-force",
+        device: Device::Cpu,
+        variant: "plain",
+        build: |plan| Ok(Box::new(BruteForce::build_periodic(plan.points, plan.period)?)),
+    },
+    grid_on_cpu!(0),
+    grid_on_cpu!(1),
+    grid_on_cpu!(2),
+    grid_on_cpu!(3),
+    grid_on_cpu!(4),
+    grid_on_cpu!(5),
+    #[cfg(feature = "gpu")]
+    Subject {
+        structure: "brute-force",
+        device: Device::Gpu,
+        variant: "plain",
+        build: |plan| Ok(Box::new(GpuBruteForce::build_periodic(device(), plan.points, plan.period)?)),
+    },
+    #[cfg(feature = "gpu")]
+    grid_on_gpu!(0),
+    #[cfg(feature = "gpu")]
+    grid_on_gpu!(1),
+    #[cfg(feature = "gpu")]
+    grid_on_gpu!(2),
+    #[cfg(feature = "gpu")]
+    grid_on_gpu!(3),
+    #[cfg(feature = "gpu")]
+    grid_on_gpu!(4),
+    #[cfg(feature = "gpu")]
+    grid_on_gpu!(5),
+];
+
+impl Subject {
+    /// "uniform-grid/cpu/cells-by-density"
+    pub(crate) fn name(&self) -> String {
+        let device = match self.device {
+            Device::Cpu => "cpu",
+            #[cfg(feature = "gpu")]
+            Device::Gpu => "gpu",
+        };
+        format!("{}/{device}/{}", self.structure, self.variant)
+    }
+
+    /// Builds the structure.
+    pub(crate) fn build(&self, plan: &Plan<'_>) -> Result<Box<dyn Built>> {
+        (self.build)(plan)
+    }
+
+    /// How near its answers must come; all where every rounding of the formula gives the same.
+    pub(crate) fn rule(&self, exact: bool) -> Rule {
+        if exact || self.device == Device::Cpu { Rule::Exact } else { Rule::Device }
+    }
+
+    /// Checks that this subject with this search and these kernels, and nothing else, gave an answer.
+    pub(crate) fn check_report(&self, report: &Report, asked: Asked) -> Verdict {
+        let (device_is_right, search, kernels) = match self.device {
+            Device::Cpu => {
+                let search = if self.structure == "brute-force" { "all-pairs" } else { "row-runs" };
+                let kernel = if asked == Asked::Count { "row_simd::count" } else { "row_simd::collect" };
+                (report.device.starts_with("cpu ("), search, vec![kernel.to_owned()])
+            }
+            #[cfg(feature = "gpu")]
+            Device::Gpu => (report.device == device().name(), search_on_gpu(asked), self.kernels_on_gpu(asked)),
+        };
+        let right = report.structure == self.structure
+            && report.search == search
+            && device_is_right
+            && report.kernels == kernels;
+        if right {
+            return Ok(());
+        }
+        Err(format!("{} was asked, expected {search} by {kernels:?}, the report says {report:?}", self.name()))
+    }
+
+    #[cfg(feature = "gpu")]
+    fn kernels_on_gpu(&self, asked: Asked) -> Vec<String> {
+        let visitors: &[&str] = match asked {
+            Asked::Count => &["count"],
+            Asked::List { .. } => &["count", "fill"],
+            Asked::CappedList => &["nearest_k"],
+            Asked::Nearest => &["nearest"],
+        };
+        let traverse = format!("package::structure::{}::traverse", self.structure.replace('-', "_"));
+        let kernel = |v: &&str| format!("package::query::fixed_radius with {traverse} and package::query::{v}");
+        let mut kernels: Vec<String> = visitors.iter().map(kernel).collect();
+        if asked == (Asked::List { sorted: true }) {
+            kernels.push("package::query::sort_rows".into());
+        }
+        kernels
+    }
+}
+
+#[cfg(feature = "gpu")]
+fn search_on_gpu(asked: Asked) -> &'static str {
+    match asked {
+        Asked::Count | Asked::Nearest => "thread-a-query",
+        Asked::List { .. } => "two-pass",
+        Asked::CappedList => "nearest-k",
+    }
+}

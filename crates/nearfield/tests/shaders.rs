@@ -1,0 +1,390 @@
+//! Every WESL module composed as the kernels use it and validated, and what it shares with Rust compared: needs no GPU.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::mem::offset_of;
+use std::sync::OnceLock;
+
+use nearfield::gpu::shader::{Fill, MODULES, compose};
+use nearfield::gpu::wgpu::naga;
+use nearfield::query::Batch;
+use nearfield::structure::brute_force::BruteForceLayout;
+use nearfield::structure::uniform_grid::{GridLayout, LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK};
+
+/// Module paths that kernels fill: with a structure's traversal, and with a visitor.
+const TRAVERSAL: &str = "package::structure::selected";
+const VISITOR: &str = "package::structure::visitor";
+
+/// Conditions of a module of which exactly one holds.
+const EXACTLY_ONE: &[(&str, &[&str])] = &[("package::parallel::reduce", &["sum", "smallest", "largest"])];
+
+/// A caller's visitor with a binding of its own.
+const CALLERS_VISITOR: &str = "
+import package::structure::question::{Query, Neighbor};
+
+@group(1) @binding(0) var<storage, read_write> sums: array<f32>;
+
+struct State { sum: f32 }
+
+fn begin(query: Query) -> State { return State(0.0); }
+
+fn visit(state: ptr<function, State>, query: Query, neighbor: Neighbor) -> bool {
+    (*state).sum += sqrt(neighbor.dist2);
+    return true;
+}
+
+fn finish(state: ptr<function, State>, query: Query) { sums[query.slot] = (*state).sum; }
+";
+
+type Modules = [(&'static str, &'static str)];
+
+/// A module as it is composed somewhere, parsed and validated.
+struct Variant {
+    name: String,
+    module: naga::Module,
+}
+
+// ---- what the sources say ----
+
+fn without_comments(source: &str) -> String {
+    source.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
+}
+
+/// Modules that a source imports.
+fn imports(source: &str) -> BTreeSet<String> {
+    let source = without_comments(source);
+    let statements = source.split("import ").skip(1).filter_map(|rest| rest.split(';').next());
+    let module = |statement: &str| {
+        let path = statement.split("::{").next().unwrap_or_default();
+        let path = if statement.contains("::{") { path } else { path.rsplit_once("::").map_or(path, |(m, _)| m) };
+        path.trim().to_owned()
+    };
+    statements.map(module).collect()
+}
+
+/// Conditions that a source asks for.
+fn conditions(source: &str) -> BTreeSet<String> {
+    let source = without_comments(source);
+    let inside = source.split("@if(").skip(1).filter_map(|rest| rest.split(')').next());
+    inside.flat_map(|text| text.split(|c: char| !c.is_alphanumeric() && c != '_')).map(str::to_owned).collect()
+}
+
+fn is_root(source: &str) -> bool {
+    without_comments(source).contains("@compute")
+}
+
+fn with_function<'a>(modules: &'a Modules, name: &str) -> impl Iterator<Item = &'static str> + use<'a> {
+    let declaration = format!("fn {name}(");
+    modules.iter().filter(move |(_, source)| source.contains(&declaration)).map(|(path, _)| *path)
+}
+
+fn source_of(modules: &Modules, path: &str) -> &'static str {
+    modules.iter().find(|(p, _)| *p == path).map_or("", |(_, source)| source)
+}
+
+/// The module itself and all that it imports, with open paths as filled.
+fn closure(modules: &Modules, root: &str, fills: &[(&str, &str)]) -> BTreeSet<String> {
+    let mut reached = BTreeSet::new();
+    let mut open = vec![root.to_owned()];
+    while let Some(path) = open.pop() {
+        let path = fills.iter().find(|(p, _)| *p == path).map_or(path, |(_, module)| (*module).to_owned());
+        if reached.insert(path.clone()) {
+            open.extend(imports(source_of(modules, &path)));
+        }
+    }
+    reached
+}
+
+/// Every way to fill the open paths that a module needs.
+fn fillings(modules: &Modules, root: &str) -> Vec<Vec<(&'static str, &'static str)>> {
+    let own = closure(modules, root, &[]);
+    let traversals: Vec<_> = with_function(modules, "traverse").collect();
+    let visitors: Vec<_> = with_function(modules, "visit").collect();
+    let mut all = vec![vec![]];
+    if own.contains(TRAVERSAL) {
+        all = traversals.iter().map(|&t| vec![(TRAVERSAL, t)]).collect();
+    }
+    if own.contains(TRAVERSAL) || own.contains(VISITOR) {
+        let with = |fill: &Vec<_>| visitors.iter().map(|&v| [fill.clone(), vec![(VISITOR, v)]].concat()).collect();
+        all = all.iter().flat_map(|fill| -> Vec<_> { with(fill) }).collect();
+    }
+    all
+}
+
+/// Every combination of the conditions that the modules ask for.
+fn combinations(modules: &Modules, closure: &BTreeSet<String>) -> Vec<Vec<(String, bool)>> {
+    let names: BTreeSet<String> = closure.iter().flat_map(|path| conditions(source_of(modules, path))).collect();
+    let names: Vec<String> = names.into_iter().collect();
+    let all = (0..1u32 << names.len())
+        .map(|bits| names.iter().enumerate().map(|(i, name)| (name.clone(), bits >> i & 1 == 1)).collect::<Vec<_>>());
+    let allowed = |combination: &Vec<(String, bool)>| {
+        EXACTLY_ONE.iter().filter(|(path, _)| closure.contains(*path)).all(|(_, group)| {
+            combination.iter().filter(|(name, on)| *on && group.contains(&name.as_str())).count() == 1
+        })
+    };
+    all.filter(allowed).collect()
+}
+
+/// Modules that no kernel uses.
+fn unreached(modules: &Modules) -> Vec<&'static str> {
+    let mut reached = BTreeSet::new();
+    for (root, _) in modules.iter().filter(|(_, source)| is_root(source)) {
+        for fill in fillings(modules, root) {
+            reached.extend(closure(modules, root, &fill));
+        }
+    }
+    modules.iter().map(|(path, _)| *path).filter(|path| !reached.contains(*path)).collect()
+}
+
+// ---- composing and validating ----
+
+fn parse(wgsl: &str) -> Result<naga::Module, String> {
+    let module = naga::front::wgsl::parse_str(wgsl).map_err(|e| e.emit_to_string(wgsl))?;
+    let mut validator =
+        naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::SUBGROUP);
+    validator.validate(&module).map_err(|e| e.emit_to_string(wgsl))?;
+    Ok(module)
+}
+
+fn variant(path: &str, fills: &[(&str, Fill<'_>)], combination: &[(String, bool)], keep_all: bool) -> Variant {
+    let features: Vec<(&str, bool)> = combination.iter().map(|(name, on)| (name.as_str(), *on)).collect();
+    let name = format!("{path} with {fills:?} and {features:?}");
+    let composed = compose(path, fills, &features, keep_all).unwrap_or_else(|error| panic!("{name}: {error}"));
+    let module = parse(&composed).unwrap_or_else(|error| panic!("{name}: {error}"));
+    Variant { name, module }
+}
+
+/// Every kernel in every variant, and every other module by itself with all its declarations.
+fn variants() -> &'static [Variant] {
+    static ALL: OnceLock<Vec<Variant>> = OnceLock::new();
+    ALL.get_or_init(|| {
+        let mut all = Vec::new();
+        for (path, source) in MODULES {
+            for filling in fillings(MODULES, path) {
+                let fills: Vec<_> = filling.iter().map(|&(at, module)| (at, Fill::Module(module))).collect();
+                for combination in combinations(MODULES, &closure(MODULES, path, &filling)) {
+                    all.push(variant(path, &fills, &combination, !is_root(source)));
+                }
+            }
+        }
+        all
+    })
+}
+
+#[test]
+fn every_module_composes_and_validates_in_every_variant() {
+    let kernels = variants().iter().filter(|v| !v.module.entry_points.is_empty()).count();
+    assert!(kernels >= MODULES.iter().filter(|(_, source)| is_root(source)).count());
+    // Two traversals × (count, nearest, fill twice, nearest-k twice) × their own conditions.
+    let queries = variants().iter().filter(|v| v.name.starts_with("package::query::fixed_radius ")).count();
+    assert!(queries >= (2 + 4) * 6, "{queries} variants of the query kernel");
+}
+
+#[test]
+fn a_callers_visitor_composes_with_every_traversal() {
+    for traversal in with_function(MODULES, "traverse") {
+        let fills = [(TRAVERSAL, Fill::Module(traversal)), (VISITOR, Fill::Caller(CALLERS_VISITOR))];
+        let modules = closure(MODULES, "package::query::fixed_radius", &[(TRAVERSAL, traversal)]);
+        for combination in combinations(MODULES, &modules) {
+            let made = variant("package::query::fixed_radius", &fills, &combination, false);
+            let named = |global: &naga::GlobalVariable| global.name.as_deref().is_some_and(|n| n.ends_with("sums"));
+            assert!(made.module.global_variables.iter().any(|(_, global)| named(global)), "{}", made.name);
+        }
+    }
+}
+
+#[test]
+fn what_does_not_validate_is_found() {
+    assert!(parse("fn f() -> u32 { return 1.0f; }").is_err_and(|message| message.contains("wgsl:1")));
+    assert!(parse("@group(0) @binding(0) var<storage, read> a: array<u32>; fn f() { a[0] = 1u; }").is_err());
+}
+
+#[test]
+fn every_module_is_reached_from_a_kernel() {
+    assert_eq!(unreached(MODULES), Vec::<&str>::new());
+    let orphan = ("package::gpu::orphan", "fn unused() {}");
+    assert_eq!(unreached(&[MODULES, &[orphan]].concat()), ["package::gpu::orphan"]);
+}
+
+/// Names of imported overrides are mangled, so that constants given to the pipeline would miss them.
+#[test]
+fn overrides_stand_in_kernels_only() {
+    for (path, source) in MODULES {
+        let has_override = without_comments(source).contains("override ");
+        assert!(is_root(source) || !has_override, "{path} has an override but no entry point");
+    }
+    for Variant { name, module } in variants() {
+        for (_, value) in module.overrides.iter() {
+            assert!(value.name.as_deref() == Some("WORKGROUP"), "{name}: override {:?}", value.name);
+        }
+    }
+}
+
+// ---- layouts ----
+
+/// Name, offset and size of the fields of a struct, and its size.
+#[derive(Debug, Clone, PartialEq)]
+struct Layout {
+    fields: Vec<(String, usize, usize)>,
+    size: usize,
+}
+
+fn size_of_field<S, F>(_: fn(&S) -> &F) -> usize {
+    size_of::<F>()
+}
+
+macro_rules! layout_of {
+    ($type:ty { $($field:ident),* }) => {
+        Layout {
+            fields: vec![$((
+                stringify!($field).to_owned(),
+                offset_of!($type, $field),
+                size_of_field(|value: &$type| &value.$field),
+            )),*],
+            size: size_of::<$type>(),
+        }
+    };
+}
+
+/// Four words, as kernels of the array primitives take them: [u32; 4] in Rust.
+fn is_four_words(layout: &Layout) -> bool {
+    let words = layout.fields.iter().map(|(_, offset, size)| (*offset, *size));
+    layout.size == 16 && words.eq([(0, 4), (4, 4), (8, 4), (12, 4)])
+}
+
+/// The layouts in Rust by the struct's name in WESL.
+fn twins() -> BTreeMap<&'static str, Layout> {
+    let grid = layout_of!(GridLayout {
+        origin,
+        n_points,
+        inverse_cell,
+        table_size,
+        cells,
+        hashed,
+        period,
+        periodic,
+        inverse_period,
+        padding
+    });
+    let brute_force = layout_of!(BruteForceLayout { period, n_points, inverse_period, padding });
+    let mut batch = layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, padding });
+    // An array of words there is single words here: arrays in uniforms have a stride of 16 bytes.
+    let (_, offset, size) = batch.fields.pop().unwrap();
+    batch.fields.extend((0..size / 4).map(|i| (format!("padding_{i}"), offset + 4 * i, 4)));
+    BTreeMap::from([("GridLayout", grid), ("Layout", brute_force), ("Batch", batch)])
+}
+
+/// The struct's own name, without the path that composition puts in front.
+fn own_name(name: &str) -> &str {
+    name.rsplit('_').next().unwrap_or(name)
+}
+
+fn reflected(module: &naga::Module, ty: naga::Handle<naga::Type>) -> Option<Layout> {
+    let naga::TypeInner::Struct { members, span } = &module.types[ty].inner else { return None };
+    let mut layouter = naga::proc::Layouter::default();
+    layouter.update(module.to_ctx()).unwrap();
+    let field =
+        |m: &naga::StructMember| (m.name.clone().unwrap_or_default(), m.offset as usize, layouter[m.ty].size as usize);
+    Some(Layout { fields: members.iter().map(field).collect(), size: *span as usize })
+}
+
+/// Why the uniform of this type is not what Rust writes there.
+fn uniform_difference(module: &naga::Module, ty: naga::Handle<naga::Type>) -> Option<String> {
+    let Some(found) = reflected(module, ty) else {
+        let size = module.types[ty].inner.size(module.to_ctx());
+        return (size != 16).then(|| format!("a uniform of {size} bytes that is no struct"));
+    };
+    let name = module.types[ty].name.clone().unwrap_or_default();
+    match twins().get(own_name(&name)) {
+        Some(twin) => (found != *twin).then(|| format!("{name} is {found:?}, in Rust {twin:?}")),
+        None => (!is_four_words(&found)).then(|| format!("{name} has no twin in Rust: {found:?}")),
+    }
+}
+
+#[test]
+fn uniforms_have_the_bytes_of_their_twins() {
+    let mut compared = BTreeSet::new();
+    for Variant { name, module } in variants() {
+        for (_, global) in module.global_variables.iter().filter(|(_, g)| g.space == naga::AddressSpace::Uniform) {
+            if let Some(difference) = uniform_difference(module, global.ty) {
+                panic!("{name}: {difference}");
+            }
+            compared.insert(own_name(module.types[global.ty].name.as_deref().unwrap_or_default()).to_owned());
+        }
+    }
+    for twin in twins().keys() {
+        assert!(compared.contains(*twin), "{twin} was not compared: {compared:?}");
+    }
+}
+
+#[test]
+fn planted_bad_layouts_are_found() {
+    let uniform = |fields: &str| {
+        let module = parse(&format!("struct Layout {{ {fields} }} @group(0) @binding(3) var<uniform> domain: Layout;"));
+        let module = module.unwrap();
+        let ty = module.global_variables.iter().next().unwrap().1.ty;
+        uniform_difference(&module, ty)
+    };
+    let vec3s = "period: vec3<f32>, n_points: u32, inverse_period: vec3<f32>";
+    assert_eq!(uniform(&format!("{vec3s}, padding: u32")), None);
+    assert!(uniform(&format!("{vec3s}, padding: u32, more: u32")).is_some(), "a longer struct");
+    assert!(uniform("n_points: u32, period: vec3<f32>, inverse_period: vec3<f32>, padding: u32").is_some(), "moved");
+    assert!(uniform("period: vec4<f32>, inverse_period: vec3<f32>, padding: u32").is_some(), "another size");
+    assert!(uniform(&format!("{vec3s}, filling: u32")).is_some(), "another name");
+}
+
+#[test]
+fn parts_of_bounds_are_eight_words() {
+    let bounds: Vec<_> =
+        variants().iter().filter(|v| v.name.starts_with("package::parallel::reduce::bounds ")).collect();
+    assert!(!bounds.is_empty());
+    for Variant { name, module } in bounds {
+        let parts =
+            module.global_variables.iter().filter(|(_, g)| g.name.as_deref().is_some_and(|n| n.contains("parts")));
+        let strides: Vec<u32> = parts
+            .filter_map(|(_, g)| match module.types[g.ty].inner {
+                naga::TypeInner::Array { stride, .. } => Some(stride),
+                _ => None,
+            })
+            .collect();
+        assert!(strides.len() >= 2 && strides.iter().all(|&s| s == 32), "{name}: {strides:?}");
+    }
+}
+
+/// Bindings of each group are numbered without gaps over all variants of a module, as `Access` lists number them.
+#[test]
+fn bindings_are_numbered_without_gaps() {
+    let mut numbers: BTreeMap<(String, u32), BTreeSet<u32>> = BTreeMap::new();
+    for Variant { name, module } in variants().iter().filter(|v| !v.module.entry_points.is_empty()) {
+        let path = name.split(' ').next().unwrap_or_default();
+        for (_, global) in module.global_variables.iter() {
+            if let Some(binding) = &global.binding {
+                numbers.entry((path.to_owned(), binding.group)).or_default().insert(binding.binding);
+            }
+        }
+    }
+    for ((path, group), found) in &numbers {
+        assert!(found.iter().copied().eq(0..found.len() as u32), "{path}, group {group}: {found:?}");
+    }
+    assert_eq!(numbers[&("package::query::fixed_radius".to_owned(), 0)].len(), 6);
+}
+
+// ---- constants ----
+
+fn constant(module: &naga::Module, name: &str) -> Option<f32> {
+    let (_, constant) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name))?;
+    match module.global_expressions[constant.init] {
+        naga::Expression::Literal(naga::Literal::F32(value)) => Some(value),
+        _ => None,
+    }
+}
+
+#[test]
+fn slacks_are_the_same_on_both_sides() {
+    let features = [("periodic", true), ("hashed", false)];
+    let composed = compose("package::structure::uniform_grid::layout", &[], &features, true).unwrap();
+    let module = parse(&composed).unwrap();
+    let slacks = [("RADIUS_SLACK", RADIUS_SLACK), ("LENGTH_SLACK", LENGTH_SLACK), ("PERIOD_SLACK", PERIOD_SLACK)];
+    for (name, value) in slacks {
+        assert_eq!(constant(&module, name).map(f32::to_bits), Some(value.to_bits()), "{name}");
+    }
+}
