@@ -383,7 +383,12 @@ fn slacks_are_the_same_on_both_sides() {
     let features = [("periodic", true), ("hashed", false)];
     let composed = compose("package::structure::uniform_grid::layout", &[], &features, true).unwrap();
     let module = parse(&composed).unwrap();
-    let slacks = [("RADIUS_SLACK", RADIUS_SLACK), ("LENGTH_SLACK", LENGTH_SLACK), ("PERIOD_SLACK", PERIOD_SLACK), ("WRAP_SLACK", WRAP_SLACK)];
+    let slacks = [
+        ("RADIUS_SLACK", RADIUS_SLACK),
+        ("LENGTH_SLACK", LENGTH_SLACK),
+        ("PERIOD_SLACK", PERIOD_SLACK),
+        ("WRAP_SLACK", WRAP_SLACK),
+    ];
     for (name, value) in slacks {
         assert_eq!(constant(&module, name).map(f32::to_bits), Some(value.to_bits()), "{name}");
     }
