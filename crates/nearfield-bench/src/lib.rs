@@ -8,6 +8,7 @@ pub mod device;
 pub mod grid;
 pub mod measure;
 pub mod plots;
+pub mod primitives;
 pub mod provenance;
 pub mod sets;
 

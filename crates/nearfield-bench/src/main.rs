@@ -3,7 +3,9 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use nearfield_bench::{Result, device, grid};
+use nearfield::gpu::DeviceChoice;
+use nearfield_bench::provenance::{Device, Machine};
+use nearfield_bench::{Result, device, grid, primitives};
 
 /// Measure Nearfield on this machine.
 #[derive(Parser)]
@@ -19,12 +21,22 @@ enum Command {
     Device(device::Arguments),
     /// The experiments of Accel on its uniform grid: CSV files, plots and claims
     Grid(grid::Arguments),
+    /// Times of scan, reduce and sort on one device
+    Primitives {
+        /// auto, cpu, gpu, gpu:N or part of a device name
+        #[arg(long, default_value = "auto")]
+        device: DeviceChoice,
+    },
 }
 
 fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Command::Device(arguments) => device::run(&arguments),
         Command::Grid(arguments) => grid::run(&arguments),
+        Command::Primitives { device } => match Machine::open(&device)?.device {
+            Device::Cpu => Ok(primitives::run_on_cpu()?),
+            Device::Gpu(gpu) => Ok(primitives::run(&gpu)?),
+        },
     }
 }
 

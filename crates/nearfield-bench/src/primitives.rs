@@ -19,7 +19,7 @@ const SEED: u64 = 1;
 ///
 /// # Errors
 /// What the device refuses; the first wrong result as `Device`.
-pub(crate) fn run(gpu: &Gpu) -> Result<()> {
+pub fn run(gpu: &Gpu) -> Result<()> {
     println!("primitives on {}, median of {RUNS} runs, microseconds on the device", gpu.name());
     for n in LENGTHS {
         if (n * size_of::<[f32; 4]>()) as u64 > gpu.limits().binding_bytes {
@@ -43,7 +43,7 @@ pub(crate) fn run(gpu: &Gpu) -> Result<()> {
 ///
 /// # Errors
 /// Never with right code: what sorting refuses.
-pub(crate) fn run_on_cpu() -> Result<()> {
+pub fn run_on_cpu() -> Result<()> {
     println!("primitives on the CPU, {} threads, median of {RUNS} runs, microseconds", rayon::current_num_threads());
     for n in LENGTHS {
         let keys = words(n);

@@ -157,9 +157,7 @@ fn experiments_are_complete(gpu: &Gpu) {
         assert!(number(&record[13]) >= number(&record[12]), "a structure holds its points: {record:?}");
         if record[7].starts_with("dense") {
             let cells = (1.0 / radius).ceil().powi(3);
-            let expected = 12.0 * n + 4.0 * n + 4.0 * cells;
-            // The radius was rounded to f32 before: a cell a side more or less.
-            assert!((number(&record[13]) / expected - 1.0).abs() < 0.05, "{expected} bytes: {record:?}");
+            assert_eq!(number(&record[13]), 12.0 * n + 4.0 * n + 4.0 * cells, "{record:?}");
         }
     }
 

@@ -15,12 +15,13 @@ use crate::sets::Set;
 pub(super) fn measure(set: &Set, points: &[Vec3], radius: f32, effort: Effort, mut add: impl FnMut(Row)) -> Result<()> {
     let expected = Expected::of(points, radius)?;
     let (settings, question) = (GridSettings::for_radius(radius), FixedRadius::new(radius));
-    let row = |operation, measured: Measured, structure_bytes| Row {
+    let row = |operation, search, measured: Measured, structure_bytes| Row {
         set: *set,
         radius,
         mean_neighbors: expected.mean(),
         operation,
         structure: "uniform-grid",
+        search,
         clock: Clock::Host,
         measured: Some(measured),
         structure_bytes,
@@ -34,11 +35,11 @@ pub(super) fn measure(set: &Set, points: &[Vec3], radius: f32, effort: Effort, m
         Ok((grid, stages))
     })?;
     let bytes = NeighborSearch::memory_bytes(&grid);
-    add(row("build", measured, bytes));
+    add(row("build", "", measured, bytes));
 
     let (counts, measured) = repeat(effort, || Ok((grid.count(&question)?, Vec::new())))?;
     expected.check_counts(counts.as_slice())?;
-    add(row("count", measured, bytes));
+    add(row("count", counts.report.search, measured, bytes));
 
     let (list, measured) = repeat(effort, || {
         let list = grid.list(&question)?;
@@ -46,8 +47,8 @@ pub(super) fn measure(set: &Set, points: &[Vec3], radius: f32, effort: Effort, m
         Ok((list, stages))
     })?;
     expected.check_list(list.offsets(), list.indices())?;
+    add(row("list", list.report.search, measured, bytes));
     drop(list);
-    add(row("list", measured, bytes));
     drop(grid);
 
     let (list, measured) = repeat(effort, || {
@@ -60,6 +61,6 @@ pub(super) fn measure(set: &Set, points: &[Vec3], radius: f32, effort: Effort, m
         Ok((list, stages))
     })?;
     expected.check_list(list.offsets(), list.indices())?;
-    add(row("build + list", measured, bytes));
+    add(row("build + list", list.report.search, measured, bytes));
     Ok(())
 }

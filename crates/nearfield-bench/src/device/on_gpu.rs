@@ -34,6 +34,7 @@ pub(super) fn measure(
         mean_neighbors: expected.mean(),
         operation,
         structure: "uniform-grid",
+        search: "",
         clock: if operation == FROM_HOST { Clock::Host } else { Clock::Device },
         measured,
         structure_bytes: 0,
@@ -54,14 +55,14 @@ pub(super) fn measure(
     let row = |operation, measured, peak, note| Row { structure_bytes, ..row(operation, measured, peak, note) };
     add(row("build", Some(measured), gpu.take_memory_peak(), String::new()));
 
-    let (counts, measured) = repeat(effort, || {
+    let ((counts, search), measured) = repeat(effort, || {
         let (counts, report) = grid.count_on_device(&question)?;
-        Ok((counts, report.stages))
+        Ok(((counts, report.search), report.stages))
     })?;
     let peak = gpu.take_memory_peak();
     expected.check_counts(&gpu.read(&counts)?)?;
     drop(counts);
-    add(row("count", Some(measured), peak, String::new()));
+    add(Row { search, ..row("count", Some(measured), peak, String::new()) });
     gpu.take_memory_peak();
 
     let listed = repeat(effort, || {
@@ -71,7 +72,7 @@ pub(super) fn measure(
     });
     let peak = gpu.take_memory_peak();
     add(match checked(gpu, &expected, listed)? {
-        Ok(measured) => row("list", Some(measured), peak, String::new()),
+        Ok((measured, search)) => Row { search, ..row("list", Some(measured), peak, String::new()) },
         Err(note) => row("list", None, 0, note),
     });
     drop(grid);
@@ -85,7 +86,7 @@ pub(super) fn measure(
     });
     let peak = gpu.take_memory_peak();
     add(match checked(gpu, &expected, listed)? {
-        Ok(measured) => row("build + list", Some(measured), peak, String::new()),
+        Ok((measured, search)) => Row { search, ..row("build + list", Some(measured), peak, String::new()) },
         Err(note) => row("build + list", None, 0, note),
     });
     drop((builder, input));
@@ -104,7 +105,8 @@ pub(super) fn measure(
     expected.check_list(list.offsets(), list.indices())?;
     let batches = list.report.batches;
     let note = if batches > 1 { format!("in {batches} batches of queries") } else { String::new() };
-    add(row(FROM_HOST, Some(measured), peak, note));
+    let search = list.report.search;
+    add(Row { search, ..row(FROM_HOST, Some(measured), peak, note) });
     Ok(())
 }
 
@@ -142,17 +144,17 @@ fn time_bounds(gpu: &Gpu, input: &Buffer<DevicePoint>, effort: Effort) -> Result
     Ok(measured)
 }
 
-/// The times of a list whose answer is right, or why the device cannot hold it.
+/// The times and the search of a list whose answer is right, or why the device cannot hold it.
 fn checked(
     gpu: &Gpu,
     expected: &Expected,
     listed: Result<(GpuNeighbors, Measured)>,
-) -> Result<std::result::Result<Measured, String>> {
+) -> Result<std::result::Result<(Measured, &'static str), String>> {
     match listed {
         Ok((list, measured)) => {
             let offsets: Vec<u64> = gpu.read(&list.offsets)?.into_iter().map(u64::from).collect();
             expected.check_list(&offsets, &gpu.read(&list.indices)?)?;
-            Ok(Ok(measured))
+            Ok(Ok((measured, list.report.search)))
         }
         Err(error) => Ok(Err(too_large(error)?)),
     }

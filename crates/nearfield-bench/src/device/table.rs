@@ -19,6 +19,8 @@ pub(super) struct Row {
     pub(super) mean_neighbors: f64,
     pub(super) operation: &'static str,
     pub(super) structure: &'static str,
+    /// Variant of the search that ran; empty where nothing was searched.
+    pub(super) search: &'static str,
     /// Whose clock the figure of the row is by; the host's where the device has none.
     pub(super) clock: Clock,
     /// Times; `None` where the operation is not possible, with the reason in `note`.
@@ -47,13 +49,14 @@ pub(super) struct Table {
     pub(super) rows: Vec<Row>,
 }
 
-const CSV_HEADER: [&str; 20] = [
+const CSV_HEADER: [&str; 21] = [
     "set",
     "points",
     "radius",
     "mean_neighbors",
     "operation",
     "structure",
+    "search",
     "stage",
     "clock",
     "milliseconds",
@@ -86,8 +89,8 @@ impl Table {
             "Device: {} (driver: {}; host: {}). Commit {COMMIT}.\n\
              Median milliseconds by {clock}; every answer is checked in the same run.\n\
              Targets and peers are for {peers}.\n\n\
-             | set | operation | ms | fastest | wall ms | stages, ms | target | peers, ms | mean neighbours | structure MB | device peak MB |\n\
-             | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+             | set | operation | search | ms | fastest | wall ms | stages, ms | target | peers, ms | mean neighbours | structure MB | device peak MB |\n\
+             | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
             machine.name, machine.driver, machine.host
         )
     }
@@ -130,6 +133,7 @@ impl Table {
             format!("{:.3}", row.mean_neighbors),
             row.operation.to_owned(),
             row.structure.to_owned(),
+            row.search.to_owned(),
             stage.map_or("total", |s| s.name).to_owned(),
             clock.map_or("", clock_name).to_owned(),
             number(median),
@@ -168,9 +172,10 @@ pub(super) fn markdown_row(row: &Row, machine: &Machine) -> String {
     let target = target(&row.set, row.operation, on_gpu).map_or_else(String::new, |ms| format!("≤ {ms}"));
     let megabytes = |bytes: u64| if bytes == 0 { String::new() } else { format!("{:.1}", bytes as f64 * 1e-6) };
     format!(
-        "| {} | {} | {median} | {fastest} | {wall} | {} | {target} | {} | {:.2} | {} | {} |",
+        "| {} | {} | {} | {median} | {fastest} | {wall} | {} | {target} | {} | {:.2} | {} | {} |",
         row.set,
         row.operation,
+        row.search,
         stages.join(", "),
         peer_text(row, on_gpu),
         row.mean_neighbors,

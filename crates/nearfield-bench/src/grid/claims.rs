@@ -116,40 +116,50 @@ fn slowest_is_cpu_brute_force(rows: &[Row]) -> Option<(bool, String)> {
         if let Some((n, slow, fast)) = last_common(&brute_force, &curve) {
             // "Much lower" is taken as half or less.
             held &= fast <= 0.5 * slow;
-            let (slow, fast) = (short(slow), short(fast));
-            parts.push(format!("{} {fast} ms where it needs {slow} ms ({} particles)", method.name(), short(n)));
+            let (slow, fast) = (time(slow), time(fast));
+            parts.push(format!("{} {fast} where it needs {slow} ({} particles)", method.name(), short(n)));
         }
     }
-    (!parts.is_empty()).then(|| (held, format!("around {wanted:.0} neighbours, {}", parts.join("; "))))
+    (!parts.is_empty()).then(|| (held, format!("with about {wanted:.0} neighbours, {}", parts.join("; "))))
 }
 
-/// Growth of a curve from its first to its last point.
-fn growth(curve: &[(f64, f64)]) -> Option<f64> {
-    match (curve.first(), curve.last()) {
-        (Some(first), Some(last)) if curve.len() > 1 => Some(last.1 / first.1),
-        _ => None,
+/// Growth of each curve from the first to the last place that all of them have, and the two places.
+fn growths<const N: usize>(curves: [&[(f64, f64)]; N]) -> Option<([f64; N], f64, f64)> {
+    let (first_curve, others) = curves.split_first()?;
+    let in_all = |p: &&(f64, f64)| others.iter().all(|c| c.iter().any(|q| q.0 == p.0));
+    let places: Vec<f64> = first_curve.iter().filter(in_all).map(|p| p.0).collect();
+    let (first, last) = (*places.first()?, *places.last()?);
+    let at = |curve: &[(f64, f64)], place: f64| curve.iter().find(|p| p.0 == place).map_or(0.0, |p| p.1);
+    (first < last).then(|| (curves.map(|curve| at(curve, last) / at(curve, first)), first, last))
+}
+
+/// How many times, in words.
+fn times(factor: f64) -> String {
+    if factor >= 1000.0 { format!("{factor:.0} times") } else { format!("{} times", short(factor)) }
+}
+
+/// A time with its unit.
+fn time(milliseconds: f64) -> String {
+    if milliseconds >= 1000.0 {
+        format!("{} s", short(milliseconds * 1e-3))
+    } else {
+        format!("{} ms", short(milliseconds))
     }
 }
 
 fn gpu_grid_is_flattest(rows: &[Row]) -> Option<(bool, String)> {
     let methods = [Method::CpuGrid, Method::GpuBruteForce, Method::GpuGrid];
-    let curves = methods.map(|m| variants::curve(rows, m, 50.0));
-    // Growth is compared over the particles that all three have.
-    let end = curves.iter().filter_map(|c| c.last()).map(|p| p.0).fold(f64::INFINITY, f64::min);
-    let growths = curves.map(|curve| growth(&curve.into_iter().filter(|p| p.0 <= end).collect::<Vec<_>>()));
-    let [Some(cpu_grid), Some(brute_force), Some(gpu_grid)] = growths else {
-        return None;
-    };
-    let first = variants::curve(rows, Method::GpuGrid, 50.0).first()?.0;
+    let [cpu_grid, brute_force, gpu_grid] = methods.map(|m| variants::curve(rows, m, 50.0));
+    let ([cpu_grid, brute_force, gpu_grid], first, last) = growths([&cpu_grid, &brute_force, &gpu_grid])?;
     Some((
         gpu_grid < cpu_grid && gpu_grid < brute_force,
         format!(
-            "from {} to {} particles with 50 neighbours the grid on the GPU grows {} times, on the CPU {} times, brute force on the GPU {} times",
+            "from {} to {} particles with about 50 neighbours the grid on the GPU grows {}, on the CPU {}, brute force on the GPU {}",
             short(first),
-            short(end),
-            short(gpu_grid),
-            short(cpu_grid),
-            short(brute_force)
+            short(last),
+            times(gpu_grid),
+            times(cpu_grid),
+            times(brute_force)
         ),
     ))
 }
@@ -166,26 +176,25 @@ fn cpu_grid_outpaces_gpu_brute_force(rows: &[Row]) -> Option<(bool, String)> {
             }
         }
     }
-    let times = short(best);
-    (points > 0).then(|| (faster > 0, format!("in {faster} of {points} cases, at best {times} times as fast")))
+    let best = times(best);
+    (points > 0).then(|| (faster > 0, format!("in {faster} of {points} cases, at best {best} as fast")))
 }
 
 fn brute_force_is_flat(rows: &[Row], particles: usize) -> Option<(bool, String)> {
     let brute_force = on_gpu::over_neighbors(rows, Method::GpuBruteForce, particles);
     let grid = on_gpu::over_neighbors(rows, Method::GpuGrid, particles);
-    let (brute_growth, grid_growth) = (growth(&brute_force)?, growth(&grid)?);
-    let (most, brute_last, grid_last) = last_common(&brute_force, &grid)?;
-    let fewest = grid.first()?.0;
+    let ([brute_growth, grid_growth], fewest, most) = growths([&brute_force, &grid])?;
+    let (_, brute_last, grid_last) = last_common(&brute_force, &grid)?;
     Some((
         grid_growth > 2.0 * brute_growth,
         format!(
-            "from {} to {} mean neighbours of {particles} particles brute force grows {} times and the grid {} times, to {} ms and {} ms",
+            "from {} to {} mean neighbours of {particles} particles brute force grows {} and the grid {}, to {} and {}",
             short(fewest),
             short(most),
-            short(brute_growth),
-            short(grid_growth),
-            short(brute_last),
-            short(grid_last)
+            times(brute_growth),
+            times(grid_growth),
+            time(brute_last),
+            time(grid_last)
         ),
     ))
 }
@@ -193,17 +202,17 @@ fn brute_force_is_flat(rows: &[Row], particles: usize) -> Option<(bool, String)>
 fn brute_force_breaks_down(rows: &[Row]) -> Option<(bool, String)> {
     let brute_force = on_gpu::over_particles(rows, Method::GpuBruteForce);
     let grid = on_gpu::over_particles(rows, Method::GpuGrid);
-    let (brute_growth, grid_growth) = (growth(&brute_force)?, growth(&grid)?);
-    let (n, brute_last, grid_last) = last_common(&brute_force, &grid)?;
+    let ([brute_growth, grid_growth], fewest, most) = growths([&brute_force, &grid])?;
+    let (_, brute_last, grid_last) = last_common(&brute_force, &grid)?;
     Some((
         brute_growth > 2.0 * grid_growth && brute_last > 2.0 * grid_last,
         format!(
-            "from {} to {} particles brute force grows {} times and the grid {} times; at the end brute force takes {} times as long",
-            short(grid.first()?.0),
-            short(n),
-            short(brute_growth),
-            short(grid_growth),
-            short(brute_last / grid_last)
+            "from {} to {} particles brute force grows {} and the grid {}; at the end brute force takes {} as long",
+            short(fewest),
+            short(most),
+            times(brute_growth),
+            times(grid_growth),
+            times(brute_last / grid_last)
         ),
     ))
 }
@@ -215,8 +224,8 @@ fn share(stages: &[(String, f64)], names: &[&str]) -> Option<f64> {
     (sum > 0.0).then_some(100.0 * own / sum)
 }
 
-/// Stages that test distances; the scan between them is not searching.
-const SEARCH: [&str; 2] = ["count", "fill"];
+/// Stages that test distances or write neighbours; the scan between them is not searching.
+const SEARCH: [&str; 3] = ["count", "fill", "fill long rows"];
 
 fn brute_force_only_searches(rows: &[Row], particles: usize) -> Option<(bool, String)> {
     let search = share(&stages::stages(rows, Method::GpuBruteForce, particles), &SEARCH)?;
@@ -276,7 +285,7 @@ fn memory_of_many(rows: &[Row], particles: Option<usize>) -> Option<(bool, Strin
         (
             percent(most) <= 10.0,
             format!(
-                "{}B to {}B, {:.0} to {:.0} % of the {} points; 4 bytes a point are the index that gives answers in the caller's numbers",
+                "on the CPU {}B to {}B, {:.0} to {:.0} % of the {} points; 4 bytes a point are the index that gives answers in the caller's numbers",
                 short(least),
                 short(most),
                 percent(least),
@@ -285,4 +294,25 @@ fn memory_of_many(rows: &[Row], particles: Option<usize>) -> Option<(bool, Strin
             ),
         )
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn growth_is_over_what_all_curves_have() {
+        let (long, short) = ([(1.0, 9.0), (2.0, 2.0), (4.0, 6.0), (8.0, 99.0)], [(2.0, 1.0), (4.0, 10.0)]);
+        assert_eq!(growths([&long, &short]), Some(([3.0, 10.0], 2.0, 4.0)));
+        assert_eq!(growths([&long, &short[..1]]), None);
+        assert_eq!(growths([&long, &[]]), None);
+        assert_eq!(last_common(&long, &short), Some((4.0, 6.0, 10.0)));
+    }
+
+    #[test]
+    fn shares_are_of_all_stages() {
+        let stages = [("count".to_owned(), 1.0), ("sort".to_owned(), 2.0), ("fill".to_owned(), 1.0)];
+        assert_eq!(share(&stages, &SEARCH), Some(50.0));
+        assert_eq!(share(&[], &SEARCH), None);
+    }
 }

@@ -93,7 +93,8 @@ fn measure_point(lab: &Lab, rows: &mut Rows, points: &[Vec3], radius: f32, metho
 
 /// Bytes of a dense table over the unit cube and of the sorted indices.
 pub fn dense_table_bytes(n: usize, radius: f32) -> u64 {
-    let cells = (1.0 / f64::from(radius)).ceil() as u64;
+    // In f32, so that the radius 0.04 has 25 cells to the edge and not a 26th for its rounding.
+    let cells = (1.0 / radius).ceil() as u64;
     4 * cells * cells * cells + 4 * n as u64
 }
 
@@ -153,6 +154,6 @@ mod tests {
     #[test]
     fn a_dense_table_of_unit_cells_holds_one_entry() {
         assert_eq!(dense_table_bytes(10, 1.0), 4 + 40);
-        assert_eq!(dense_table_bytes(0, 0.1), 4000);
+        assert_eq!(dense_table_bytes(0, 0.04), 4 * 25 * 25 * 25);
     }
 }

@@ -1,7 +1,7 @@
 //! Typed, named device buffers.
 
 use std::marker::PhantomData;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use bytemuck::Pod;
 use wgpu::BufferUsages;
@@ -13,6 +13,8 @@ use crate::{Error, Result};
 const WORD: usize = 4;
 /// Largest part that is read back at once: keeps the staging memory small beside the buffer itself.
 const PART_BYTES: usize = 256 << 20;
+/// Usages of staging memory.
+const STAGING: BufferUsages = BufferUsages::MAP_READ.union(BufferUsages::COPY_DST);
 /// Where staging memory is short, parts get no smaller than this.
 const SMALLEST_PART_BYTES: usize = 4096;
 
@@ -35,6 +37,8 @@ pub struct Buffer<T> {
 pub(super) struct Accounted {
     gpu: Gpu,
     bytes: u64,
+    /// What is kept for later use; `None` while there is no buffer, and where it must not be used again.
+    memory: OnceLock<(wgpu::Buffer, BufferUsages)>,
 }
 
 impl Accounted {
@@ -52,6 +56,9 @@ impl Accounted {
 impl Drop for Accounted {
     fn drop(&mut self) {
         self.gpu.release(self.bytes);
+        if let Some((buffer, usage)) = self.memory.take() {
+            self.gpu.inner.pool.keep(buffer, usage);
+        }
     }
 }
 
@@ -117,7 +124,8 @@ impl<T: DeviceElement> Buffer<T> {
         self.accounted.clone()
     }
 
-    /// The wgpu buffer; it may be a little larger than the elements.
+    /// The wgpu buffer; it may be a little larger than the elements. Keep this `Buffer` for as long as it is used: the
+    /// memory goes to other buffers of the context afterwards.
     pub fn raw(&self) -> &wgpu::Buffer {
         &self.raw
     }
@@ -157,10 +165,27 @@ impl Gpu {
         // Bindings and copies need at least one word and whole words.
         let size = (len as u64 * size_of::<T>() as u64).max(WORD as u64).next_multiple_of(WORD as u64);
         self.reserve(label, size)?;
+        let accounted = Accounted { gpu: self.clone(), bytes: size, memory: OnceLock::new() };
+        let raw = self.take_or_create(label, size, usage)?;
+        if !usage.contains(BufferUsages::MAP_READ) {
+            let _ = accounted.memory.set((raw.clone(), usage));
+        }
+        Ok(Buffer { raw, len, label, accounted: Some(Arc::new(accounted)), element: PhantomData })
+    }
+
+    fn take_or_create(&self, label: &'static str, size: u64, usage: BufferUsages) -> Result<wgpu::Buffer> {
+        if let Some(kept) = self.inner.pool.take(size, usage) {
+            return Ok(kept);
+        }
         let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
-        let accounted = Some(Arc::new(Accounted { gpu: self.clone(), bytes: size }));
-        let raw = self.checked(label, size, || self.device().create_buffer(&descriptor))?;
-        Ok(Buffer { raw, len, label, accounted, element: PhantomData })
+        let create = || self.checked(label, size, || self.device().create_buffer(&descriptor));
+        match create() {
+            Err(Error::OutOfDeviceMemory { .. }) if self.inner.pool.bytes() > 0 => {
+                self.inner.pool.clear();
+                create()
+            }
+            made => made,
+        }
     }
 
     /// A buffer with a copy of `data`.
@@ -271,24 +296,29 @@ impl Gpu {
         let skipped = first % WORD;
         let start = (first - skipped) as u64;
         let size = (skipped + range.len() * size_of::<T>()).next_multiple_of(WORD) as u64;
-        let staging =
-            self.allocate::<u8>("read-back staging", size as usize, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
+        let staging = self.allocate::<u8>("read-back staging", size as usize, STAGING)?;
         let submission = self.checked(label, size, || {
             let mut encoder = self.device().create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             encoder.copy_buffer_to_buffer(buffer.raw(), start, staging.raw(), 0, size);
             let submission = self.queue().submit([encoder.finish()]);
-            staging.raw().map_async(wgpu::MapMode::Read, .., |_| {});
+            staging.raw().map_async(wgpu::MapMode::Read, ..size, |_| {});
             submission
         })?;
         self.wait(label, submission)?;
         let view = staging
             .raw()
-            .get_mapped_range(..)
+            .get_mapped_range(..size)
             .map_err(|e| Error::Device { operation: format!("read back {label}"), message: e.to_string() })?;
         let bytes = &view[skipped..skipped + range.len() * size_of::<T>()];
         match bytemuck::try_cast_slice(bytes) {
             Ok(elements) => values.extend_from_slice(elements),
             Err(_) => values.extend(bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned::<T>)),
+        }
+        // Unmapped, it can serve again; after an error above it is never kept.
+        drop(view);
+        staging.raw().unmap();
+        if let Some(accounted) = &staging.accounted {
+            let _ = accounted.memory.set((staging.raw().clone(), STAGING));
         }
         Ok(())
     }
