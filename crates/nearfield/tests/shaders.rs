@@ -8,7 +8,7 @@ use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
 use nearfield::query::Batch;
 use nearfield::structure::brute_force::BruteForceLayout;
-use nearfield::structure::uniform_grid::{GridLayout, LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK};
+use nearfield::structure::uniform_grid::{GridLayout, LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 
 /// Module paths that kernels fill: with a structure's traversal, and with a visitor.
 const TRAVERSAL: &str = "package::structure::selected";
@@ -263,7 +263,7 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         period,
         periodic,
         inverse_period,
-        padding
+        farthest
     });
     let brute_force = layout_of!(BruteForceLayout { period, n_points, inverse_period, padding });
     let mut batch = layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, padding });
@@ -383,7 +383,7 @@ fn slacks_are_the_same_on_both_sides() {
     let features = [("periodic", true), ("hashed", false)];
     let composed = compose("package::structure::uniform_grid::layout", &[], &features, true).unwrap();
     let module = parse(&composed).unwrap();
-    let slacks = [("RADIUS_SLACK", RADIUS_SLACK), ("LENGTH_SLACK", LENGTH_SLACK), ("PERIOD_SLACK", PERIOD_SLACK)];
+    let slacks = [("RADIUS_SLACK", RADIUS_SLACK), ("LENGTH_SLACK", LENGTH_SLACK), ("PERIOD_SLACK", PERIOD_SLACK), ("WRAP_SLACK", WRAP_SLACK)];
     for (name, value) in slacks {
         assert_eq!(constant(&module, name).map(f32::to_bits), Some(value.to_bits()), "{name}");
     }

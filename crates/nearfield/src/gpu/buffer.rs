@@ -1,7 +1,7 @@
 //! Typed, named device buffers.
 
 use std::marker::PhantomData;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use bytemuck::Pod;
 use wgpu::BufferUsages;
@@ -13,6 +13,8 @@ use crate::{Error, Result};
 const WORD: usize = 4;
 /// Largest part that is read back at once: keeps the staging memory small beside the buffer itself.
 const PART_BYTES: usize = 256 << 20;
+/// Usages of staging memory.
+const STAGING: BufferUsages = BufferUsages::MAP_READ.union(BufferUsages::COPY_DST);
 /// Where staging memory is short, parts get no smaller than this.
 const SMALLEST_PART_BYTES: usize = 4096;
 
@@ -20,7 +22,8 @@ const SMALLEST_PART_BYTES: usize = 4096;
 pub trait DeviceElement: Pod {}
 impl<T: Pod> DeviceElement for T {}
 
-/// A device array of `len` elements with a name that errors use. Clones share the memory.
+/// A device array of `len` elements with a name that errors use, for use with the [`Gpu`] that made it and its clones.
+/// Clones share the memory.
 pub struct Buffer<T> {
     raw: wgpu::Buffer,
     len: usize,
@@ -34,11 +37,28 @@ pub struct Buffer<T> {
 pub(super) struct Accounted {
     gpu: Gpu,
     bytes: u64,
+    /// What is kept for later use; `None` while there is no buffer, and where it must not be used again.
+    memory: OnceLock<(wgpu::Buffer, BufferUsages)>,
+}
+
+impl Accounted {
+    /// Checks that the buffer was made by this context. The driver's layer cannot: it numbers the objects of each
+    /// instance by themselves, and takes a foreign object for one of its own or panics.
+    pub(super) fn check_context(&self, gpu: &Gpu, operation: &str) -> Result<()> {
+        if Arc::ptr_eq(&self.gpu.inner, &gpu.inner) {
+            return Ok(());
+        }
+        let message = format!("a buffer on {} was used with another context, on {}", self.gpu.name(), gpu.name());
+        Err(Error::Device { operation: operation.to_owned(), message })
+    }
 }
 
 impl Drop for Accounted {
     fn drop(&mut self) {
         self.gpu.release(self.bytes);
+        if let Some((buffer, usage)) = self.memory.take() {
+            self.gpu.inner.pool.keep(buffer, usage);
+        }
     }
 }
 
@@ -94,12 +114,18 @@ impl<T: DeviceElement> Buffer<T> {
         self.label
     }
 
+    /// Checks that the buffer is one of this context, where that is known.
+    fn check_context(&self, gpu: &Gpu) -> Result<()> {
+        self.accounted.as_ref().map_or(Ok(()), |accounted| accounted.check_context(gpu, self.label))
+    }
+
     /// What keeps its memory counted.
     pub(super) fn accounted(&self) -> Option<Arc<Accounted>> {
         self.accounted.clone()
     }
 
-    /// The wgpu buffer; it may be a little larger than the elements.
+    /// The wgpu buffer; it may be a little larger than the elements. Keep this `Buffer` for as long as it is used: the
+    /// memory goes to other buffers of the context afterwards.
     pub fn raw(&self) -> &wgpu::Buffer {
         &self.raw
     }
@@ -139,10 +165,27 @@ impl Gpu {
         // Bindings and copies need at least one word and whole words.
         let size = (len as u64 * size_of::<T>() as u64).max(WORD as u64).next_multiple_of(WORD as u64);
         self.reserve(label, size)?;
+        let accounted = Accounted { gpu: self.clone(), bytes: size, memory: OnceLock::new() };
+        let raw = self.take_or_create(label, size, usage)?;
+        if !usage.contains(BufferUsages::MAP_READ) {
+            let _ = accounted.memory.set((raw.clone(), usage));
+        }
+        Ok(Buffer { raw, len, label, accounted: Some(Arc::new(accounted)), element: PhantomData })
+    }
+
+    fn take_or_create(&self, label: &'static str, size: u64, usage: BufferUsages) -> Result<wgpu::Buffer> {
+        if let Some(kept) = self.inner.pool.take(size, usage) {
+            return Ok(kept);
+        }
         let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
-        let accounted = Some(Arc::new(Accounted { gpu: self.clone(), bytes: size }));
-        let raw = self.checked(label, size, || self.device().create_buffer(&descriptor))?;
-        Ok(Buffer { raw, len, label, accounted, element: PhantomData })
+        let create = || self.checked(label, size, || self.device().create_buffer(&descriptor));
+        match create() {
+            Err(Error::OutOfDeviceMemory { .. }) if self.inner.pool.bytes() > 0 => {
+                self.inner.pool.clear();
+                create()
+            }
+            made => made,
+        }
     }
 
     /// A buffer with a copy of `data`.
@@ -161,7 +204,8 @@ impl Gpu {
     /// the last but at the end of the buffer.
     ///
     /// # Errors
-    /// `LengthMismatch` if it does not fit; `Unsupported` for parts of words; `OutOfDeviceMemory`, `DeviceLost`.
+    /// `LengthMismatch` if it does not fit; `Unsupported` for parts of words; `Device` for a buffer of another context;
+    /// `OutOfDeviceMemory`, `DeviceLost`.
     pub fn write<T: DeviceElement>(&self, buffer: &Buffer<T>, start: usize, data: &[T]) -> Result<()> {
         let end = start.saturating_add(data.len());
         if end > buffer.len() {
@@ -172,6 +216,7 @@ impl Gpu {
             });
         }
         self.check_lost()?;
+        buffer.check_context(self)?;
         if data.is_empty() {
             return Ok(());
         }
@@ -208,8 +253,8 @@ impl Gpu {
     /// Reads elements `range` of the buffer back, in parts where staging memory is short.
     ///
     /// # Errors
-    /// `LengthMismatch` if the range passes the end; `OutOfDeviceMemory` for the staging memory, `OutOfMemory`,
-    /// `DeviceLost`.
+    /// `LengthMismatch` if the range passes the end; `Device` for a buffer of another context; `OutOfDeviceMemory` for
+    /// the staging memory, `OutOfMemory`, `DeviceLost`.
     pub fn read_range<T: DeviceElement>(&self, buffer: &Buffer<T>, range: std::ops::Range<usize>) -> Result<Vec<T>> {
         if range.end > buffer.len() {
             let (found, expected) = (range.end as u64, buffer.len() as u64);
@@ -222,6 +267,7 @@ impl Gpu {
             available: 0,
         })?;
         self.check_lost()?;
+        buffer.check_context(self)?;
         let mut part = (PART_BYTES / size_of::<T>().max(1)).max(1);
         let mut start = range.start;
         while start < range.end {
@@ -250,24 +296,29 @@ impl Gpu {
         let skipped = first % WORD;
         let start = (first - skipped) as u64;
         let size = (skipped + range.len() * size_of::<T>()).next_multiple_of(WORD) as u64;
-        let staging =
-            self.allocate::<u8>("read-back staging", size as usize, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
+        let staging = self.allocate::<u8>("read-back staging", size as usize, STAGING)?;
         let submission = self.checked(label, size, || {
             let mut encoder = self.device().create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             encoder.copy_buffer_to_buffer(buffer.raw(), start, staging.raw(), 0, size);
             let submission = self.queue().submit([encoder.finish()]);
-            staging.raw().map_async(wgpu::MapMode::Read, .., |_| {});
+            staging.raw().map_async(wgpu::MapMode::Read, ..size, |_| {});
             submission
         })?;
         self.wait(label, submission)?;
         let view = staging
             .raw()
-            .get_mapped_range(..)
+            .get_mapped_range(..size)
             .map_err(|e| Error::Device { operation: format!("read back {label}"), message: e.to_string() })?;
         let bytes = &view[skipped..skipped + range.len() * size_of::<T>()];
         match bytemuck::try_cast_slice(bytes) {
             Ok(elements) => values.extend_from_slice(elements),
             Err(_) => values.extend(bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned::<T>)),
+        }
+        // Unmapped, it can serve again; after an error above it is never kept.
+        drop(view);
+        staging.raw().unmap();
+        if let Some(accounted) = &staging.accounted {
+            let _ = accounted.memory.set((staging.raw().clone(), STAGING));
         }
         Ok(())
     }

@@ -14,12 +14,12 @@ const MOST_TIMED_STAGES: usize = wgpu::QUERY_SET_MAX_QUERIES as usize / 2;
 pub struct Bind {
     raw: wgpu::Buffer,
     /// Work that is recorded keeps the memory of its buffers, also when they are dropped before it is submitted.
-    _accounted: Option<Arc<Accounted>>,
+    accounted: Option<Arc<Accounted>>,
 }
 
 impl<T: DeviceElement> From<&Buffer<T>> for Bind {
     fn from(buffer: &Buffer<T>) -> Self {
-        Self { raw: buffer.raw().clone(), _accounted: buffer.accounted() }
+        Self { raw: buffer.raw().clone(), accounted: buffer.accounted() }
     }
 }
 
@@ -62,6 +62,18 @@ enum Step {
     Copy { source: Bind, destination: Bind, bytes: u64 },
 }
 
+impl Step {
+    fn binds(&self) -> impl Iterator<Item = &Bind> {
+        let (first, second, groups) = match self {
+            Self::Dispatch { groups, workgroups: Workgroups::Indirect(bind, _), .. } => (Some(bind), None, &groups[..]),
+            Self::Dispatch { groups, .. } => (None, None, &groups[..]),
+            Self::Clear { buffer, .. } => (Some(buffer), None, &[][..]),
+            Self::Copy { source, destination, .. } => (Some(source), Some(destination), &[][..]),
+        };
+        groups.iter().flatten().chain(first).chain(second)
+    }
+}
+
 impl Gpu {
     /// Starts recording.
     pub fn commands(&self, label: &'static str) -> Commands {
@@ -77,6 +89,12 @@ impl Commands {
     }
 
     fn step(&mut self, step: Step) {
+        let foreign = step.binds().filter_map(|bind| bind.accounted.as_ref());
+        let checked = foreign.map(|accounted| accounted.check_context(&self.gpu, self.label)).find(Result::is_err);
+        if let Some(Err(error)) = checked {
+            self.error.get_or_insert(error);
+            return;
+        }
         if self.stages.is_empty() {
             self.stage(self.label);
         }

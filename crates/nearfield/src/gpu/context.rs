@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use super::pipeline::Pipeline;
+use super::pool::Pool;
 use super::{Adapter, AdapterKind, DeviceChoice};
 use crate::{Error, Result};
 
@@ -23,6 +24,7 @@ pub(super) struct Inner {
     pub(super) queue: wgpu::Queue,
     pub(super) pipelines: Mutex<HashMap<String, Arc<Pipeline>>>,
     pub(super) memory: Memory,
+    pub(super) pool: Pool,
     name: String,
     kind: AdapterKind,
     limits: GpuLimits,
@@ -126,7 +128,19 @@ impl Gpu {
         };
         let memory = Memory { refuse_in: AtomicI64::new(-1), limit: AtomicU64::new(u64::MAX), ..Memory::default() };
         let (pipelines, lost) = (Mutex::default(), Arc::new(OnceLock::new()));
-        Self { inner: Arc::new(Inner { device, queue, pipelines, memory, name, kind, limits, lost }) }
+        Self {
+            inner: Arc::new(Inner {
+                device,
+                queue,
+                pipelines,
+                memory,
+                pool: Pool::default(),
+                name,
+                kind,
+                limits,
+                lost,
+            }),
+        }
     }
 
     /// Name of the adapter.
@@ -170,10 +184,10 @@ impl Gpu {
     }
 
     /// Makes the `n`-th allocation from now (0 is the next) fail as if the device were full, once. For tests: software
-    /// adapters never report a full device by themselves.
+    /// adapters never report a full device by themselves. Returns whether the refusal asked for before is still to come.
     #[doc(hidden)]
-    pub fn refuse_allocation(&self, n: Option<u32>) {
-        self.inner.memory.refuse_in.store(n.map_or(-1, i64::from), Ordering::Relaxed);
+    pub fn refuse_allocation(&self, n: Option<u32>) -> bool {
+        self.inner.memory.refuse_in.swap(n.map_or(-1, i64::from), Ordering::Relaxed) >= 0
     }
 
     /// Marks the device as lost: every later wait returns `DeviceLost`.
@@ -193,6 +207,10 @@ impl Gpu {
         match memory.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add) {
             Ok(before) => {
                 memory.peak.fetch_max(before + bytes, Ordering::Relaxed);
+                // Kept buffers count against the limit too, but are the first to go.
+                if before + bytes > limit.saturating_sub(self.inner.pool.bytes()) {
+                    self.inner.pool.clear();
+                }
                 Ok(())
             }
             Err(used) => {
@@ -217,6 +235,10 @@ impl Gpu {
         for scope in scopes.into_iter().rev() {
             let popped = pollster::block_on(scope.pop());
             error = error.or(popped);
+        }
+        if error.is_some() {
+            // A lost device first shows as objects that are not valid; its callback comes with a poll.
+            let _ = device.poll(wgpu::PollType::Poll);
         }
         self.check_lost()?;
         match error {

@@ -9,6 +9,7 @@ mod buffer;
 mod commands;
 mod context;
 mod pipeline;
+mod pool;
 pub mod shader;
 
 pub use adapter::{Adapter, AdapterKind, DeviceChoice, adapters};

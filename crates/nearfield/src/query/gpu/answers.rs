@@ -31,7 +31,7 @@ pub(super) fn add_stages(report: &mut Report, times: &[StageTime]) {
 
 /// Fewest queries of a batch where each has an answer of a few bytes: with no memory for that, there is none for
 /// anything.
-pub(super) const FEW_QUERIES: usize = 256;
+pub(super) const FEW_QUERIES: usize = 64;
 
 /// Runs `ask` over all queries: at once in the structure's order, or where memory is short in halves of at least
 /// `smallest` queries in the caller's order. `ask` gets the queries and the report; it must not keep parts of an answer

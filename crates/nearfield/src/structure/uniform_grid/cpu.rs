@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::{GridLayout, GridSettings};
 use crate::geometry::{Aabb, OrderedPoints, Period, validate};
-use crate::parallel::{radix_sort, reduce};
+use crate::parallel::radix_sort;
 use crate::structure::{BuildStage, CpuStructure, Packed, merge_spans};
 use crate::{Error, Result};
 
@@ -41,7 +41,7 @@ impl UniformGrid {
         };
         settings.validate()?;
         validate::points(points)?;
-        let bounds = settings.bounds.unwrap_or_else(|| reduce::bounds(points));
+        let bounds = settings.bounds_of(points);
         let layout = GridLayout::new(points.len() as u32, &bounds, settings);
         stage("bounds");
         let (keys, order) = sorted_entries(&layout, points)?;

@@ -10,7 +10,6 @@ use crate::Result;
 use crate::geometry::{Aabb, Period, validate};
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
 use crate::parallel::radix_sort::GpuRadixSort;
-use crate::parallel::reduce;
 use crate::parallel::scan::GpuScan;
 use crate::structure::on_gpu::{DevicePoint, GpuStructure, device_points};
 use crate::structure::{BuildStage, CpuStructure, UniformGrid};
@@ -40,7 +39,7 @@ impl GpuUniformGrid {
     pub fn build(gpu: &Gpu, points: &[Vec3], settings: &GridSettings) -> Result<Self> {
         validate::points(points)?;
         let start = Instant::now();
-        let bounds = settings.bounds.unwrap_or_else(|| reduce::bounds(points));
+        let bounds = settings.bounds_of(points);
         let input = gpu.upload("points", &device_points(points, 0))?;
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         let mut grid = Self::build_on_device(gpu, &input, &bounds, settings)?;
@@ -51,7 +50,8 @@ impl GpuUniformGrid {
     /// Sorts points that are on the device already.
     ///
     /// - `points`: `[n]` xyz, and the index that answers use as bits of w (usually 0 … n − 1)
-    /// - `bounds`: where they lie; points outside stay exact, only slower to search
+    /// - `bounds`: where they lie; points outside stay exact, only slower to search, but in a periodic domain all must
+    ///   be inside
     ///
     /// The coordinates are trusted to be finite and within ±1e18.
     ///

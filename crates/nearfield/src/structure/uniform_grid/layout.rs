@@ -19,6 +19,9 @@ pub const RADIUS_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 pub const LENGTH_SLACK: f32 = 2e-19;
 /// Part of the period added on a periodic axis, for the rounding of the wrap.
 pub const PERIOD_SLACK: f32 = 1.0 / (1 << 20) as f32;
+/// Part of the distances of query and points from the origin added on a periodic axis: differences of points many
+/// periods apart are rounded before they are wrapped (six roundings of 2⁻²⁴ at most).
+pub const WRAP_SLACK: f32 = 1.0 / (1 << 21) as f32;
 
 /// Geometry of a grid, in the bytes of the kernels' uniform.
 #[repr(C)]
@@ -42,8 +45,8 @@ pub struct GridLayout {
     pub periodic: u32,
     /// One over the period; 0 where not periodic.
     pub inverse_period: [f32; 3],
-    /// Unused.
-    pub padding: u32,
+    /// Largest distance of a point from the origin along a periodic axis; 0 where no axis is.
+    pub farthest: f32,
 }
 
 /// Cells of one axis: `count` from `first` on, wrapping where the axis is periodic.
@@ -54,7 +57,7 @@ pub(crate) struct CellRange {
 }
 
 impl GridLayout {
-    /// The layout for `n_points` points inside `bounds`.
+    /// The layout for `n_points` points inside `bounds`. Points outside stay exact on axes that are not periodic.
     pub fn new(n_points: u32, bounds: &Aabb, settings: &GridSettings) -> Self {
         let period = settings.period;
         let lengths = period.lengths();
@@ -96,7 +99,7 @@ impl GridLayout {
             period: lengths.to_array(),
             periodic: u32::from(period.is_periodic()),
             inverse_period: period.inverse().to_array(),
-            padding: 0,
+            farthest: if empty { 0.0 } else { farthest(bounds, origin, lengths) },
         }
     }
 
@@ -150,7 +153,8 @@ impl GridLayout {
             let last = self.cell_on(axis, high + reach);
             return CellRange { first, count: last - first + 1 };
         }
-        reach += self.period[axis] * PERIOD_SLACK;
+        let far = (low - self.origin[axis]).abs().max((high - self.origin[axis]).abs());
+        reach += self.period[axis] * PERIOD_SLACK + (far + self.farthest) * WRAP_SLACK;
         let turns = ((low - self.origin[axis]) * self.inverse_period[axis]).floor();
         let low = (low - self.origin[axis]) - self.period[axis] * turns;
         let high = (high - self.origin[axis]) - self.period[axis] * turns;
@@ -199,6 +203,12 @@ impl GridLayout {
             visit(0..count - before_end);
         }
     }
+}
+
+/// Largest distance of a corner from the origin along a periodic axis.
+fn farthest(bounds: &Aabb, origin: Vec3, lengths: Vec3) -> f32 {
+    let corner = (bounds.min - origin).abs().max((bounds.max - origin).abs());
+    Vec3::select(lengths.cmpgt(Vec3::ZERO), corner, Vec3::ZERO).max_element()
 }
 
 /// Edge length of a cell: as asked, or by density.
@@ -259,6 +269,15 @@ mod tests {
         assert_eq!(layout.cells_near(1, 0.1, 0.1, 0.2), CellRange { first: 3, count: 3 });
         assert_eq!(layout.cells_near(1, 7.1, 7.1, 0.2), CellRange { first: 3, count: 3 });
         assert_eq!(layout.cells_near(1, 0.1, 0.1, 9.0), CellRange { first: 0, count: 4 });
+    }
+
+    #[test]
+    fn a_query_a_thousand_million_periods_away_reaches_every_cell() {
+        let period = Period::new(Vec3::ONE).unwrap();
+        let settings = GridSettings::for_radius(0.25).periodic(period);
+        let layout = GridLayout::new(10_000, &Aabb::new(Vec3::ZERO, Vec3::splat(1000.0)), &settings);
+        assert_eq!(layout.farthest, 1000.0);
+        assert_eq!(layout.cells_near(1, 1e9, 1e9, 0.2), CellRange { first: 0, count: 4 });
     }
 
     #[test]

@@ -1,6 +1,9 @@
 //! What a caller can choose about a grid.
 
+use glam::Vec3;
+
 use crate::geometry::{Aabb, Period, validate};
+use crate::parallel::reduce;
 use crate::{Error, Result};
 
 /// Settings of a grid, fixed when it is built.
@@ -11,7 +14,8 @@ pub struct GridSettings {
     /// Cells along x are up to this many times shorter than `cell_size`, as far as the table stays small: runs are cut
     /// closer to the ball. 1 to 8.
     pub refine_x: u32,
-    /// Where the points lie, if known: saves finding out. Points outside stay exact, only slower to search.
+    /// Where the points lie, if known: saves finding out. Points outside stay exact, only slower to search; in a
+    /// periodic domain the points' own bounds are taken instead.
     pub bounds: Option<Aabb>,
     /// Period of the domain.
     pub period: Period,
@@ -38,6 +42,14 @@ impl GridSettings {
     pub fn bounds(mut self, bounds: Aabb) -> Self {
         self.bounds = Some(bounds);
         self
+    }
+
+    /// The bounds that a grid of these points is laid out in.
+    pub(crate) fn bounds_of(&self, points: &[Vec3]) -> Aabb {
+        match self.bounds {
+            Some(bounds) if !self.period.is_periodic() => bounds,
+            _ => reduce::bounds(points),
+        }
     }
 
     /// Checks the settings.
