@@ -126,6 +126,33 @@ impl Expected {
         }
         Ok(())
     }
+
+    /// Checks rows of start and length in any order: together they are all indices, each once.
+    ///
+    /// # Errors
+    /// The first thing that is wrong.
+    pub fn check_rows(&self, starts: &[u32], lengths: &[u32], indices: &[u32]) -> Result<()> {
+        let mut rows: Vec<(u32, u32)> = starts.iter().copied().zip(lengths.iter().copied()).collect();
+        rows.retain(|&(_, length)| length > 0);
+        rows.sort_unstable();
+        let mut end = 0u64;
+        for (start, length) in rows {
+            if u64::from(start) != end {
+                return Err(wrong(format!("a row starts at {start} where {end} is the next free place")));
+            }
+            end += u64::from(length);
+        }
+        if end != indices.len() as u64 {
+            return Err(wrong(format!("rows end at {end}, expected {}", indices.len())));
+        }
+        let mut offsets = vec![0u64];
+        let mut ordered = Vec::with_capacity(indices.len());
+        for (&start, &length) in starts.iter().zip(lengths) {
+            ordered.extend_from_slice(&indices[start as usize..(start + length) as usize]);
+            offsets.push(ordered.len() as u64);
+        }
+        self.check_list(&offsets, &ordered)
+    }
 }
 
 impl SampleRow {

@@ -9,6 +9,8 @@ use crate::Result;
 /// How often a measurement is repeated.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
+    /// Seconds of untimed runs before, at least one run: a device that was idle raises its clocks only under load.
+    pub warm_up: f64,
     /// Timed runs wanted.
     pub runs: usize,
     /// No further run is begun after this many seconds; at least one is.
@@ -56,14 +58,19 @@ pub struct Measured {
     pub runs: usize,
 }
 
-/// Runs once to warm up and then as often as `effort` says; returns the last answer with the times.
+/// Warms up and then runs as often as `effort` says; returns the last answer with the times.
 ///
 /// `run` returns its answer and the stages of that run. Answers are dropped before the next run begins.
 ///
 /// # Errors
 /// What `run` returns.
 pub fn repeat<T>(effort: Effort, mut run: impl FnMut() -> Result<(T, Vec<Stage>)>) -> Result<(T, Measured)> {
+    let warming = Instant::now();
     let (mut answer, _) = run()?;
+    while warming.elapsed().as_secs_f64() < effort.warm_up {
+        drop(answer);
+        answer = run()?.0;
+    }
     let (mut walls, mut devices, mut stages) = (Vec::new(), Vec::new(), Stages::default());
     let begin = Instant::now();
     loop {
@@ -133,7 +140,7 @@ mod tests {
     fn the_warm_up_is_not_timed_and_stages_are_summed_within_a_run() {
         let mut calls = 0;
         let stage = |name, milliseconds, clock| Stage { name, milliseconds, clock };
-        let effort = Effort { runs: 3, seconds: 60.0 };
+        let effort = Effort { warm_up: 0.0, runs: 3, seconds: 60.0 };
         let (answer, measured) = repeat(effort, || {
             calls += 1;
             let first = if calls == 1 { 1000.0 } else { calls as f64 };

@@ -31,11 +31,13 @@ pub use glam::{DVec3, Vec3};
 #[cfg(feature = "gpu")]
 pub use gpu::{DeviceChoice, Gpu};
 pub use query::{
-    Counts, FixedRadius, ForEachNeighbor, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Radius, Report,
-    RowOrder,
+    Counts, FixedRadius, ForEachNeighbor, ListRows, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Radius,
+    Report, RowOrder,
 };
 #[cfg(feature = "gpu")]
-pub use query::{ForEachOnDevice, GpuNeighbors, Index, IndexSettings, SearchOnDevice, StructureChoice, Visitor};
+pub use query::{
+    ForEachOnDevice, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, SearchOnDevice, StructureChoice, Visitor,
+};
 pub use structure::{BruteForce, GridSettings, UniformGrid};
 #[cfg(feature = "gpu")]
 pub use structure::{GpuBruteForce, GpuUniformGrid};

@@ -23,6 +23,8 @@ use table::Table;
 
 /// Seconds after which an operation is not repeated again.
 const SECONDS: f64 = 20.0;
+/// Seconds of untimed runs on a GPU before each measurement.
+const WARM_UP: f64 = 0.5;
 
 /// Arguments of the subcommand.
 #[derive(Debug, clap::Args)]
@@ -54,7 +56,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     print!("{}", table.markdown_head());
     for set in sets(arguments, &machine)? {
         let runs = arguments.repeat.unwrap_or(if set.is_big() { 3 } else { 10 }).max(1);
-        let effort = Effort { runs, seconds: SECONDS };
+        let warm_up = if matches!(machine.device, Device::Gpu(_)) { WARM_UP } else { 0.0 };
+        let effort = Effort { warm_up, runs, seconds: SECONDS };
         let (points, radius) = (set.points(), set.radius());
         let add = |row: table::Row| {
             println!("{}", table::markdown_row(&row, &machine));

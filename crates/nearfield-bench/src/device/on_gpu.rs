@@ -75,6 +75,22 @@ pub(super) fn measure(
         Ok((measured, search)) => Row { search, ..row("list", Some(measured), peak, String::new()) },
         Err(note) => row("list", None, 0, note),
     });
+
+    gpu.take_memory_peak();
+    let unordered = repeat(effort, || {
+        let rows = grid.list_rows_on_device(&question)?;
+        let stages = rows.report.stages.clone();
+        Ok((rows, stages))
+    });
+    let peak = gpu.take_memory_peak();
+    add(match unordered {
+        Ok((rows, measured)) => {
+            expected.check_counts(&gpu.read(&rows.lengths)?)?;
+            expected.check_rows(&gpu.read(&rows.starts)?, &gpu.read(&rows.lengths)?, &gpu.read(&rows.indices)?)?;
+            Row { search: rows.report.search, ..row(UNORDERED, Some(measured), peak, String::new()) }
+        }
+        Err(error) => row(UNORDERED, None, 0, too_large(error)?),
+    });
     drop(grid);
     gpu.take_memory_peak();
 
@@ -109,6 +125,9 @@ pub(super) fn measure(
     add(Row { search, ..row(FROM_HOST, Some(measured), peak, note) });
     Ok(())
 }
+
+/// The row whose rows stand in completion order.
+const UNORDERED: &str = "list, rows in completion order";
 
 /// The row timed by the host's clock.
 const FROM_HOST: &str = "points in, list out";

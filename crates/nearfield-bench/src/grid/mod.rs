@@ -34,7 +34,7 @@ use method::{Case, Method};
 use rows::{Point, Row, Rows};
 
 /// Timed runs of a point, and the seconds after which there are no more.
-const EFFORT: Effort = Effort { runs: 7, seconds: 1.0 };
+const EFFORT: Effort = Effort { warm_up: 0.05, runs: 7, seconds: 1.0 };
 
 /// Arguments of the subcommand.
 #[derive(Debug, Clone, clap::Args)]

@@ -4,6 +4,7 @@ use std::marker::PhantomData;
 use std::sync::{Arc, OnceLock};
 
 use bytemuck::Pod;
+use rayon::prelude::*;
 use wgpu::BufferUsages;
 
 use super::Gpu;
@@ -13,6 +14,8 @@ use crate::{Error, Result};
 const WORD: usize = 4;
 /// Largest part that is read back at once: keeps the staging memory small beside the buffer itself.
 const PART_BYTES: usize = 256 << 20;
+/// Bytes that one thread copies from staging memory at a time.
+const COPY_BYTES: usize = 1 << 20;
 /// Usages of staging memory.
 const STAGING: BufferUsages = BufferUsages::MAP_READ.union(BufferUsages::COPY_DST);
 /// Where staging memory is short, parts get no smaller than this.
@@ -260,8 +263,7 @@ impl Gpu {
             let (found, expected) = (range.end as u64, buffer.len() as u64);
             return Err(Error::LengthMismatch { what: buffer.label(), found, expected });
         }
-        let mut values = Vec::new();
-        values.try_reserve_exact(range.len()).map_err(|_| Error::OutOfMemory {
+        let mut values = bytemuck::allocation::try_zeroed_vec(range.len()).map_err(|()| Error::OutOfMemory {
             what: buffer.label(),
             needed: (range.len() * size_of::<T>()) as u64,
             available: 0,
@@ -272,7 +274,7 @@ impl Gpu {
         let mut start = range.start;
         while start < range.end {
             let end = range.end.min(start.saturating_add(part));
-            match self.read_part(buffer, start..end, &mut values) {
+            match self.read_part(buffer, start..end, &mut values[start - range.start..end - range.start]) {
                 Ok(()) => start = end,
                 // Smaller parts are slower, but need less memory beside the buffer.
                 Err(Error::OutOfDeviceMemory { .. }) if (end - start) * size_of::<T>() > SMALLEST_PART_BYTES => {
@@ -288,7 +290,7 @@ impl Gpu {
         &self,
         buffer: &Buffer<T>,
         range: std::ops::Range<usize>,
-        values: &mut Vec<T>,
+        values: &mut [T],
     ) -> Result<()> {
         let label = buffer.label();
         // Copies take whole words.
@@ -310,10 +312,10 @@ impl Gpu {
             .get_mapped_range(..size)
             .map_err(|e| Error::Device { operation: format!("read back {label}"), message: e.to_string() })?;
         let bytes = &view[skipped..skipped + range.len() * size_of::<T>()];
-        match bytemuck::try_cast_slice(bytes) {
-            Ok(elements) => values.extend_from_slice(elements),
-            Err(_) => values.extend(bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned::<T>)),
-        }
+        // Many threads share the first touch of the pages, which costs more than the copy.
+        let parts =
+            bytemuck::cast_slice_mut::<T, u8>(values).par_chunks_mut(COPY_BYTES).zip(bytes.par_chunks(COPY_BYTES));
+        parts.for_each(|(to, from)| to.copy_from_slice(from));
         // Unmapped, it can serve again; after an error above it is never kept.
         drop(view);
         staging.raw().unmap();

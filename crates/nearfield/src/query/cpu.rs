@@ -8,7 +8,9 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::rows::{self, TaskRows};
-use super::{Counts, FixedRadius, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Report, RowOrder, Stage};
+use super::{
+    Counts, FixedRadius, Nearest, Neighbor, NeighborRows, NeighborSearch, Neighbors, Queries, Report, RowOrder, Stage,
+};
 use crate::geometry::row_simd::{self, Ball, Hits, Simd};
 use crate::geometry::{Aabb, OrderedPoints};
 use crate::structure::CpuStructure;
@@ -263,6 +265,37 @@ fn too_large<S: CpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Resu
     let entries: u64 = counts.as_slice().iter().map(|&c| u64::from(c.min(cap))).sum();
     Ok(rows::too_large(entries, question, structure.points().len()))
 }
+
+/// Lists whose rows stand in the order in which they were finished.
+///
+/// Implemented for every CPU structure; `SearchOnDevice::list_rows_on_device` is its twin on the GPU.
+pub trait ListRows: CpuStructure {
+    /// Neighbours of every query as rows of start and length; order and cap of the question hold within a row.
+    ///
+    /// # Errors
+    /// As [`NeighborSearch::list`].
+    fn list_rows(&self, question: &FixedRadius<'_>) -> Result<NeighborRows>
+    where
+        Self: Sized,
+    {
+        question.validate(self.points().len())?;
+        let start = Instant::now();
+        let by_distance = question.max_neighbors.is_some() || question.order == RowOrder::Distance;
+        let made = match by_distance {
+            false => find_rows::<Self, false>(self, question)?,
+            true => find_rows::<Self, true>(self, question)?,
+        };
+        let Some(made) = made else {
+            return Err(too_large(self, question)?);
+        };
+        let mut rows = rows::concatenate(&made, question.len(self.points().len()))?;
+        rows.report = report::<Self>("row_simd::collect");
+        rows.report.host_stage("query", start);
+        Ok(rows)
+    }
+}
+
+impl<S: CpuStructure> ListRows for S {}
 
 /// Visits each neighbour with a closure that may stop early; no list is made.
 ///

@@ -14,13 +14,13 @@ mod report;
 mod rows;
 mod search;
 
-pub use cpu::ForEachNeighbor;
+pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
 pub use gpu::Batch;
 #[cfg(feature = "gpu")]
-pub use gpu::{ForEachOnDevice, GpuNeighbors, SearchOnDevice, Visitor};
+pub use gpu::{ForEachOnDevice, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
 #[cfg(feature = "gpu")]
 pub use index::{Index, IndexSettings, StructureChoice};
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};

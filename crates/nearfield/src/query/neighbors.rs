@@ -202,7 +202,7 @@ impl Nearest {
 /// monotone offsets, and cheaper to make than [`Neighbors`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct NeighborRows {
-    pub(crate) starts: Vec<u32>,
+    pub(crate) starts: Vec<u64>,
     pub(crate) lengths: Vec<u32>,
     pub(crate) indices: Vec<u32>,
     /// What ran.

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{CutRow, FixedRadius, Neighbors, RowOrder};
+use super::{CutRow, FixedRadius, NeighborRows, Neighbors, RowOrder};
 use crate::geometry::row_simd::Hits;
 use crate::{Error, Result};
 
@@ -157,20 +157,51 @@ pub(super) fn assemble(tasks: Vec<TaskRows>, n_queries: usize, distances: bool) 
     Ok(Neighbors { offsets, indices, distances, cut, ..Neighbors::default() })
 }
 
+/// The tasks' rows one after the other, as they stand.
+///
+/// # Errors
+/// `OutOfMemory`.
+pub(super) fn concatenate(tasks: &[TaskRows], n_queries: usize) -> Result<NeighborRows> {
+    let (mut starts, mut lengths) = (vec![0; n_queries], vec![0; n_queries]);
+    let mut start = 0;
+    for task in tasks {
+        for (&query, &length) in task.queries.iter().zip(&task.lengths) {
+            starts[query as usize] = start;
+            lengths[query as usize] = length;
+            start += u64::from(length);
+        }
+    }
+    let mut indices = zeroed(start as usize)?;
+    let mut parts = Vec::with_capacity(tasks.len());
+    let mut rest = &mut indices[..];
+    for task in tasks {
+        let (part, after) = rest.split_at_mut(task.hits.ids.len());
+        parts.push((part, &task.hits.ids));
+        rest = after;
+    }
+    parts.into_par_iter().for_each(|(part, ids)| part.copy_from_slice(ids));
+    Ok(NeighborRows { starts, lengths, indices, ..NeighborRows::default() })
+}
+
+/// Zeros that the machine's memory is only touched for where they are written first.
+fn zeroed<T: bytemuck::Zeroable>(len: usize) -> Result<Vec<T>> {
+    bytemuck::allocation::try_zeroed_vec(len).map_err(|()| Error::OutOfMemory {
+        what: "the list of neighbours",
+        needed: (len * size_of::<T>()) as u64,
+        available: available_memory(),
+    })
+}
+
 /// Queries whose rows one thread copies.
 const GATHER_QUERIES: usize = 1 << 13;
 
-fn gather<'a, T: Copy + Default + Send + Sync + 'a>(
+fn gather<'a, T: bytemuck::Pod + Send + Sync>(
     offsets: &[u64],
     place: &[(u32, usize, u32)],
     column: impl Fn(u32) -> &'a Vec<T> + Sync,
 ) -> Result<Vec<T>> {
     let total = offsets.last().copied().unwrap_or(0);
-    let needed = total * size_of::<T>() as u64;
-    let mut values: Vec<T> = Vec::new();
-    let error = |_| Error::OutOfMemory { what: "the list of neighbours", needed, available: available_memory() };
-    values.try_reserve_exact(total as usize).map_err(error)?;
-    values.resize(total as usize, T::default());
+    let mut values: Vec<T> = zeroed(total as usize)?;
     let mut parts = Vec::new();
     let mut rest = &mut values[..];
     for first in (0..place.len()).step_by(GATHER_QUERIES) {

@@ -7,6 +7,7 @@
 mod loss;
 mod memory;
 mod plumbing;
+mod rows;
 #[path = "../support/mod.rs"]
 mod support;
 mod visitors;
@@ -97,5 +98,6 @@ fn main() {
     trials.extend(memory::trials());
     trials.extend(loss::trials());
     trials.extend(visitors::trials());
+    trials.extend(rows::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -11,7 +11,7 @@ mod row_masks;
 mod visit;
 mod visitor;
 
-pub use on_device::{GpuNeighbors, SearchOnDevice};
+pub use on_device::{GpuNeighborRows, GpuNeighbors, SearchOnDevice};
 #[doc(hidden)]
 pub use visit::Batch;
 pub use visitor::{ForEachOnDevice, Visitor};

@@ -26,6 +26,19 @@ pub struct GpuNeighbors {
     pub report: Report,
 }
 
+/// Rows as start and length on the device, in the order in which they were finished.
+#[derive(Debug)]
+pub struct GpuNeighborRows {
+    /// `[q]` place of each query's row in `indices`.
+    pub starts: Buffer<u32>,
+    /// `[q]` length of each query's row.
+    pub lengths: Buffer<u32>,
+    /// `[nnz]` indices into the points as the caller gave them.
+    pub indices: Buffer<u32>,
+    /// What ran.
+    pub report: Report,
+}
+
 pub(super) fn fill(distances: bool) -> VisitorCode<'static> {
     VisitorCode {
         source: Fill::Module("package::query::fill"),
@@ -125,6 +138,29 @@ pub trait SearchOnDevice: GpuStructure {
         }
         list_on_device(self, question, |_| Ok(()))
     }
+
+    /// Neighbours of every query as rows of start and length, in no particular order: for those who need no offsets.
+    /// The place of a row may differ from run to run; its contents do not.
+    ///
+    /// The question's order, cap and distances do not matter.
+    ///
+    /// # Errors
+    /// As [`SearchOnDevice::list_on_device`]; `Unsupported` for structures without masks (brute force), and where the
+    /// masks of all queries, 128 bytes each, do not fit one binding.
+    fn list_rows_on_device(&self, question: &FixedRadius<'_>) -> Result<GpuNeighborRows>
+    where
+        Self: Sized,
+    {
+        question.validate(self.len())?;
+        let plain = FixedRadius { distances: false, order: RowOrder::Unspecified, max_neighbors: None, ..*question };
+        match super::row_masks::applies(self, &plain) {
+            Some(ids) => super::row_masks::rows_on_device(self, ids, &plain),
+            None => Err(Error::Unsupported {
+                what: format!("rows in completion order from {} for {} queries", Self::NAME, plain.len(self.len())),
+                advice: "use `list_on_device`, or fewer queries",
+            }),
+        }
+    }
 }
 
 impl<S: GpuStructure> SearchOnDevice for S {}
@@ -144,7 +180,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
     question: &FixedRadius<'_>,
     accept: impl FnOnce(u64) -> Result<()>,
 ) -> Result<GpuNeighbors> {
-    if let (Some(ids), true) = (structure.ids(), super::row_masks::applies(structure, question)) {
+    if let Some(ids) = super::row_masks::applies(structure, question) {
         return super::row_masks::list_on_device(structure, ids, question, accept);
     }
     let gpu = structure.gpu();

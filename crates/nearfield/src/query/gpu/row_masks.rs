@@ -1,16 +1,16 @@
-//! The fast list: one walk that counts and keeps hits as masks, a scan, and an expansion with dense stores.
+//! The fast list: one walk that counts and keeps hits as masks, starts of rows, and an expansion with dense stores.
 //!
 //! A row's cost is in its stores: written one index at a time by the query's own invocation they scatter over memory.
-//! Masks of 32 candidates a word are an eighth of the bytes, and a team of 32 invocations writes a word's neighbours
+//! Masks of 32 candidates a word are an eighth of the bytes, and a team of 32 invocations writes a row's neighbours
 //! side by side. Queries with more words than the masks hold are filled by a second walk.
 
-use super::on_device::GpuNeighbors;
+use super::on_device::{GpuNeighborRows, GpuNeighbors};
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind, Buffer, Kernel, Workgroups};
+use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Workgroups};
 use crate::parallel::reduce::GpuReduce;
 use crate::parallel::scan::GpuScan;
-use crate::query::{FixedRadius, RowOrder};
+use crate::query::{FixedRadius, Report, RowOrder};
 use crate::structure::GpuStructure;
 use crate::{Error, Result};
 
@@ -18,14 +18,32 @@ use crate::{Error, Result};
 const WORDS: u32 = 16;
 
 /// Invocations of a workgroup that expands masks: four teams.
-const WORKGROUP: u32 = 128;
+const EXPAND_WORKGROUP: u32 = 128;
 
-/// Whether this question can be answered with masks: only indices, in the order in which they are found.
-pub(super) fn applies<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> bool {
-    structure.ids().is_some() && !question.distances && question.order == RowOrder::Unspecified
+/// Rows of a workgroup that reserves places.
+const RESERVE_WORKGROUP: u32 = 256;
+
+const FIND: VisitorCode<'static> = VisitorCode {
+    source: Fill::Module("package::query::row_masks"),
+    features: &[("masks", true)],
+    accesses: &[Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::Uniform],
+};
+
+const FILL_OVERFLOWED: VisitorCode<'static> = VisitorCode {
+    source: Fill::Module("package::query::fill_overflowed"),
+    features: &[],
+    accesses: &[Access::Read, Access::ReadWrite, Access::Read, Access::Uniform],
+};
+
+/// The indices of the structure's points, where this question can be answered with masks: only indices, in the order
+/// in which they are found, and masks of all queries within one binding.
+pub(super) fn applies<'a, S: GpuStructure>(structure: &'a S, question: &FixedRadius<'_>) -> Option<&'a Buffer<u32>> {
+    let plain = !question.distances && question.order == RowOrder::Unspecified;
+    let mask_bytes = question.len(structure.len()) as u64 * u64::from(WORDS) * 8;
+    structure.ids().filter(|_| plain && mask_bytes <= structure.gpu().limits().binding_bytes)
 }
 
-/// The list by masks. `accept` sees the number of entries before memory is taken for them.
+/// The list by masks, rows in query order. `accept` sees the number of entries before memory is taken for them.
 pub(super) fn list_on_device<S: GpuStructure>(
     structure: &S,
     ids: &Buffer<u32>,
@@ -34,66 +52,160 @@ pub(super) fn list_on_device<S: GpuStructure>(
 ) -> Result<GpuNeighbors> {
     let gpu = structure.gpu();
     let n = question.len(structure.len());
-    let visitors = ["package::query::row_masks", "package::query::fill_overflowed"];
-    let mut report = visit::report(structure, "row-masks", &visitors[..1]);
-    report.kernels.push("package::query::expand_masks".to_owned());
-    let queries = QueryBuffers::in_search_order(structure, question)?;
     let offsets = gpu.buffer("row offsets", n + 1)?;
-    let words: Buffer<u32> = gpu.buffer("words of queries", n)?;
-    let capacity = gpu.uniform("mask capacity", &[WORDS, n as u32, 0, 0])?;
-    // [total, overflowed queries], read back together.
-    let sums: Buffer<u64> = gpu.buffer("number of entries", 1)?;
-    let overflowed: Buffer<u32> = gpu.buffer("overflowed queries", 1)?;
-    let masks: Buffer<[u32; 2]> = gpu.buffer("neighbour masks", n * WORDS as usize)?;
-    {
-        let counts: Buffer<u32> = gpu.buffer("neighbour counts", n)?;
-        let visitor = VisitorCode {
-            source: Fill::Module(visitors[0]),
-            features: &[("masks", true)],
-            accesses: &[Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::Uniform],
-        };
-        let binds: [Bind; 5] =
-            [(&counts).into(), (&words).into(), (&masks).into(), (&overflowed).into(), (&capacity).into()];
-        let mut commands = gpu.commands("find neighbours");
-        commands.stage("count").clear(&overflowed);
-        visit::record(&mut commands, structure, question, &queries, &visitor, &binds)?;
-        commands.stage("scan");
-        GpuScan::new(gpu, n)?.record(&mut commands, &counts, &offsets, n)?;
-        GpuReduce::new(gpu)?.record_sum(&mut commands, &counts, n, &sums)?;
-        super::answers::add_stages(&mut report, &commands.run()?);
-    }
-    let (total, overflowed) = (gpu.read(&sums)?[0], gpu.read(&overflowed)?[0]);
+    let mut search = MaskSearch::new(structure, question)?;
+    let total = search.find(&offsets, |commands, counts, sum| {
+        GpuScan::new(gpu, n)?.record(commands, counts, &offsets, n)?;
+        GpuReduce::new(gpu)?.record_sum(commands, counts, n, sum)
+    })?;
     accept(total)?;
-    let available = gpu.limits().binding_bytes;
-    if total * 4 > available {
-        return Err(Error::OutOfDeviceMemory { what: "neighbour indices".into(), needed: total * 4, available });
-    }
-    let indices: Buffer<u32> = gpu.buffer("neighbour indices", total as usize)?;
-    let accesses = [Access::Uniform, Access::Read, Access::Read, Access::Read, Access::Read, Access::ReadWrite];
-    let constants = [("WORKGROUP", f64::from(WORKGROUP))];
+    let indices = search.write_rows(ids, &offsets, total)?;
+    Ok(GpuNeighbors { offsets, indices, dist2: None, report: search.report })
+}
+
+/// The list by masks, rows in the order in which their workgroups reserve places.
+pub(super) fn rows_on_device<S: GpuStructure>(
+    structure: &S,
+    ids: &Buffer<u32>,
+    question: &FixedRadius<'_>,
+) -> Result<GpuNeighborRows> {
+    let gpu = structure.gpu();
+    let n = question.len(structure.len());
+    let starts = gpu.buffer("row starts", n)?;
+    let mut search = MaskSearch::new(structure, question)?;
+    search.report.search = "row-masks, completion order";
+    search.report.kernels.push("package::query::reserve_rows".to_owned());
     let kernel = Kernel {
-        constants: &constants,
-        ..Kernel::new("package::query::expand_masks", "expand_masks", &accesses, WORKGROUP)
+        constants: &[("WORKGROUP", f64::from(RESERVE_WORKGROUP))],
+        ..Kernel::new(
+            "package::query::reserve_rows",
+            "reserve_rows",
+            &[Access::Uniform, Access::Read, Access::ReadWrite, Access::ReadWrite],
+            RESERVE_WORKGROUP,
+        )
     };
-    let batch = gpu.uniform("expansion batch", &[WORDS, n as u32, 0, 0])?;
-    let binds: [Bind; 6] =
-        [(&batch).into(), (&words).into(), (&masks).into(), (&offsets).into(), ids.into(), (&indices).into()];
-    let mut commands = gpu.commands("write rows");
-    commands.stage("fill");
-    if total > 0 {
-        commands.dispatch(&gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(32 * n as u64));
+    let reserve = gpu.pipeline(&kernel)?;
+    let n_rows = gpu.uniform("reservation parameters", &[n as u32, 0, 0, 0])?;
+    let taken: Buffer<u32> = gpu.buffer("reserved places", 1)?;
+    let total = search.find(&starts, |commands, counts, sum| {
+        commands.clear(&taken).dispatch(
+            &reserve,
+            &[(&n_rows).into(), counts.into(), (&starts).into(), (&taken).into()],
+            Workgroups::Covering(n as u64),
+        );
+        GpuReduce::new(gpu)?.record_sum(commands, counts, n, sum)
+    })?;
+    let indices = search.write_rows(ids, &starts, total)?;
+    Ok(GpuNeighborRows { starts, lengths: search.counts, indices, report: search.report })
+}
+
+/// One search by masks: its buffers and its report.
+struct MaskSearch<'a, S> {
+    structure: &'a S,
+    question: &'a FixedRadius<'a>,
+    queries: QueryBuffers,
+    counts: Buffer<u32>,
+    words: Buffer<u32>,
+    masks: Buffer<[u32; 2]>,
+    overflowed: Buffer<u32>,
+    capacity: Buffer<[u32; 4]>,
+    report: Report,
+}
+
+impl<'a, S: GpuStructure> MaskSearch<'a, S> {
+    fn new(structure: &'a S, question: &'a FixedRadius<'a>) -> Result<Self> {
+        let gpu = structure.gpu();
+        let n = question.len(structure.len());
+        Ok(Self {
+            structure,
+            question,
+            queries: QueryBuffers::in_search_order(structure, question)?,
+            counts: gpu.buffer("neighbour counts", n)?,
+            words: gpu.buffer("words of queries", n)?,
+            masks: gpu.buffer("neighbour masks", n * WORDS as usize)?,
+            overflowed: gpu.buffer("overflowed queries", 1)?,
+            capacity: gpu.uniform("mask capacity", &[WORDS, n as u32, 0, 0])?,
+            report: visit::report(structure, "row-masks", &["package::query::row_masks"]),
+        })
     }
-    if overflowed > 0 {
-        report.kernels.push(visitors[1].to_owned());
-        commands.stage("fill long rows");
-        let visitor = VisitorCode {
-            source: Fill::Module(visitors[1]),
-            features: &[],
-            accesses: &[Access::Read, Access::ReadWrite, Access::Read, Access::Uniform],
+
+    /// Counts, keeps masks, and places rows with `place(commands, counts, sum)`, which also records the sum of the
+    /// counts. Returns the sum.
+    fn find(
+        &mut self,
+        starts: &Buffer<u32>,
+        place: impl FnOnce(&mut Commands, &Buffer<u32>, &Buffer<u64>) -> Result<()>,
+    ) -> Result<u64> {
+        let gpu = self.structure.gpu();
+        let sum: Buffer<u64> = gpu.buffer("number of entries", 1)?;
+        let binds: [Bind; 5] = [
+            (&self.counts).into(),
+            (&self.words).into(),
+            (&self.masks).into(),
+            (&self.overflowed).into(),
+            (&self.capacity).into(),
+        ];
+        let mut commands = gpu.commands("find neighbours");
+        commands.stage("count").clear(&self.overflowed);
+        visit::record(&mut commands, self.structure, self.question, &self.queries, &FIND, &binds)?;
+        commands.stage("scan");
+        place(&mut commands, &self.counts, &sum)?;
+        super::answers::add_stages(&mut self.report, &commands.run()?);
+        let total = gpu.read(&sum)?[0];
+        let available = gpu.limits().binding_bytes;
+        if total * 4 > available {
+            let what = format!("neighbour indices ({} rows)", starts.len());
+            return Err(Error::OutOfDeviceMemory { what, needed: total * 4, available });
+        }
+        Ok(total)
+    }
+
+    /// Writes all rows where `starts` says.
+    fn write_rows(&mut self, ids: &Buffer<u32>, starts: &Buffer<u32>, total: u64) -> Result<Buffer<u32>> {
+        let gpu = self.structure.gpu();
+        let n_rows = self.counts.len() as u64;
+        let indices: Buffer<u32> = gpu.buffer("neighbour indices", total as usize)?;
+        self.report.kernels.push("package::query::expand_masks".to_owned());
+        let kernel = Kernel {
+            constants: &[("WORKGROUP", f64::from(EXPAND_WORKGROUP))],
+            ..Kernel::new(
+                "package::query::expand_masks",
+                "expand_masks",
+                &[
+                    Access::Uniform,
+                    Access::Read,
+                    Access::Read,
+                    Access::Read,
+                    Access::Read,
+                    Access::Read,
+                    Access::ReadWrite,
+                ],
+                EXPAND_WORKGROUP,
+            )
         };
-        let binds: [Bind; 4] = [(&offsets).into(), (&indices).into(), (&words).into(), (&capacity).into()];
-        visit::record(&mut commands, structure, question, &queries, &visitor, &binds)?;
+        let binds: [Bind; 7] = [
+            (&self.capacity).into(),
+            (&self.words).into(),
+            (&self.masks).into(),
+            starts.into(),
+            (&self.counts).into(),
+            ids.into(),
+            (&indices).into(),
+        ];
+        let mut commands = gpu.commands("write rows");
+        commands.stage("fill");
+        if total > 0 {
+            // A team of 32 invocations a row.
+            commands.dispatch(&gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(32 * n_rows));
+        }
+        if gpu.read(&self.overflowed)?[0] > 0 {
+            self.report.kernels.push("package::query::fill_overflowed".to_owned());
+            commands.stage("fill long rows");
+            let binds: [Bind; 4] = [starts.into(), (&indices).into(), (&self.words).into(), (&self.capacity).into()];
+            let (structure, question) = (self.structure, self.question);
+            visit::record(&mut commands, structure, question, &self.queries, &FILL_OVERFLOWED, &binds)?;
+        }
+        super::answers::add_stages(&mut self.report, &commands.run()?);
+        Ok(indices)
     }
-    super::answers::add_stages(&mut report, &commands.run()?);
-    Ok(GpuNeighbors { offsets, indices, dist2: None, report })
 }
