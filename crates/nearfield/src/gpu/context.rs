@@ -116,7 +116,7 @@ impl Gpu {
     fn assemble(device: wgpu::Device, queue: wgpu::Queue, name: String, kind: AdapterKind) -> Self {
         let (limits, features, info) = (device.limits(), device.features(), device.adapter_info());
         let limits = GpuLimits {
-            binding_bytes: u64::from(limits.max_storage_buffer_binding_size),
+            binding_bytes: limits.max_storage_buffer_binding_size,
             buffer_bytes: limits.max_buffer_size,
             workgroup_invocations: limits.max_compute_invocations_per_workgroup,
             workgroup_bytes: limits.max_compute_workgroup_storage_size,

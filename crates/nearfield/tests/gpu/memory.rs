@@ -12,7 +12,7 @@ use crate::{RADIUS, SEED, lattice_points, own_context, rows_by_loop, wrong_row};
 
 pub(crate) fn trials() -> Vec<Trial> {
     vec![
-        gpu_trial("a_refused_allocation_is_an_error_or_a_smaller_batch", |gpu| refused_allocations(gpu)),
+        gpu_trial("a_refused_allocation_is_an_error_or_a_smaller_batch", refused_allocations),
         gpu_trial("lists_in_batches_have_the_same_bytes", lists_in_batches_have_the_same_bytes),
         gpu_trial("counts_in_batches_are_the_same", counts_in_batches_are_the_same),
         gpu_trial("rows_longer_than_the_memory_of_a_batch_are_split", rows_longer_than_the_memory_of_a_batch_are_split),

@@ -123,12 +123,11 @@ fn radii<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, window: Ran
 pub(super) fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>) -> Result<Arc<Pipeline>> {
     let mut accesses = vec![Access::Uniform, Access::Read, Access::Read];
     accesses.extend(structure.bindings().iter().map(|(access, _)| *access));
-    let mut features = structure.features();
     let mut all: Vec<(&str, bool)> =
         vec![("distances", false), ("by_index", false), ("hashed", false), ("masks", false)];
     // llvmpipe ends the loops of an invocation after 65,535 rounds in all; see the traversals.
     all.push(("short_loops", structure.gpu().kind() == AdapterKind::Software));
-    all.extend(features.drain(..));
+    all.extend(structure.features());
     all.extend_from_slice(visitor.features);
     let fills = [
         ("package::structure::selected", Fill::Module(structure.traverse_module())),
