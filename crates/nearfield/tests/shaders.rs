@@ -65,7 +65,8 @@ fn imports(source: &str) -> BTreeSet<String> {
 fn conditions(source: &str) -> BTreeSet<String> {
     let source = without_comments(source);
     let inside = source.split("@if(").skip(1).filter_map(|rest| rest.split(')').next());
-    inside.flat_map(|text| text.split(|c: char| !c.is_alphanumeric() && c != '_')).map(str::to_owned).collect()
+    let words = inside.flat_map(|text| text.split(|c: char| !c.is_alphanumeric() && c != '_'));
+    words.filter(|word| !word.is_empty()).map(str::to_owned).collect()
 }
 
 fn is_root(source: &str) -> bool {
@@ -98,7 +99,7 @@ fn closure(modules: &Modules, root: &str, fills: &[(&str, &str)]) -> BTreeSet<St
 fn fillings(modules: &Modules, root: &str) -> Vec<Vec<(&'static str, &'static str)>> {
     let own = closure(modules, root, &[]);
     let traversals: Vec<_> = with_function(modules, "traverse").collect();
-    let visitors: Vec<_> = with_function(modules, "visit").collect();
+    let visitors: Vec<_> = with_function(modules, "visit").chain(with_function(modules, "visit_mask")).collect();
     let mut all = vec![vec![]];
     if own.contains(TRAVERSAL) {
         all = traversals.iter().map(|&t| vec![(TRAVERSAL, t)]).collect();
@@ -116,10 +117,14 @@ fn combinations(modules: &Modules, closure: &BTreeSet<String>) -> Vec<Vec<(Strin
     let names: Vec<String> = names.into_iter().collect();
     let all = (0..1u32 << names.len())
         .map(|bits| names.iter().enumerate().map(|(i, name)| (name.clone(), bits >> i & 1 == 1)).collect::<Vec<_>>());
+    // Traversals hand over masks exactly where the visitor takes them.
+    let takes_masks = closure.iter().any(|path| source_of(modules, path).contains("fn visit_mask("));
     let allowed = |combination: &Vec<(String, bool)>| {
-        EXACTLY_ONE.iter().filter(|(path, _)| closure.contains(*path)).all(|(_, group)| {
-            combination.iter().filter(|(name, on)| *on && group.contains(&name.as_str())).count() == 1
-        })
+        let by_masks = combination.iter().any(|(name, on)| *on && name == "masks");
+        by_masks == takes_masks
+            && EXACTLY_ONE.iter().filter(|(path, _)| closure.contains(*path)).all(|(_, group)| {
+                combination.iter().filter(|(name, on)| *on && group.contains(&name.as_str())).count() == 1
+            })
     };
     all.filter(allowed).collect()
 }

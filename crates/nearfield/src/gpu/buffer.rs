@@ -165,8 +165,8 @@ impl Gpu {
     }
 
     fn allocate<T>(&self, label: &'static str, len: usize, usage: BufferUsages) -> Result<Buffer<T>> {
-        // Bindings and copies need at least one word and whole words.
-        let size = (len as u64 * size_of::<T>() as u64).max(WORD as u64).next_multiple_of(WORD as u64);
+        // Bindings need at least one element, copies whole words.
+        let size = (len.max(1) as u64 * size_of::<T>() as u64).max(WORD as u64).next_multiple_of(WORD as u64);
         self.reserve(label, size)?;
         let accounted = Accounted { gpu: self.clone(), bytes: size, memory: OnceLock::new() };
         let raw = self.take_or_create(label, size, usage)?;

@@ -22,6 +22,7 @@ const CLAIMS: &[Claim] = &[
     ("46341-equal-points-are-counted", |subject| equal_points(subject, 46_341, 2_147_488_281)),
     ("65537-equal-points-are-counted-and-their-list-refused", |subject| equal_points(subject, 65_537, 4_295_098_369)),
     ("three-runs-give-the-same-bytes", same_bytes),
+    ("rows-of-6000-are-sorted", long_rows_sorted),
     ("accel/negative-coordinates-give-the-lists-of-positive-ones", negative_like_positive),
     ("accel/the-first-particle-is-met-once", first_particle_once),
     ("accel/a-row-of-all-4096-is-not-cut", long_rows_whole),
@@ -215,6 +216,31 @@ fn first_particle_once(subject: &Subject) -> Verdict {
     expect(rows == (&[0, 1][..], &[0, 1][..], &[2][..]), || format!("{rows:?}"))?;
     let counts = built.count(&FixedRadius::new(0.5)).map_err(in_words)?;
     expect(counts.as_slice() == [2, 2, 1], || format!("{:?}", counts.as_slice()))
+}
+
+/// Two rows of everything, sorted: long loops for one invocation of a device.
+fn long_rows_sorted(subject: &Subject) -> Verdict {
+    let points = cloud(6000);
+    let built = subject.build(&plan(&points, 2.0)).map_err(in_words)?;
+    let queries = [Vec3::splat(0.5), Vec3::ZERO];
+    for order in [RowOrder::Index, RowOrder::Distance] {
+        let question = FixedRadius::new(2.0).queries(&queries).order(order).distances();
+        for cap in [None, Some(5000)] {
+            let question = FixedRadius { max_neighbors: cap, ..question };
+            let list = built.list(&question).map_err(in_words)?;
+            for query in 0..2 {
+                let (row, distances) = (list.row(query), list.row_distances(query).unwrap_or_default());
+                let ascending = match order {
+                    RowOrder::Index => row.is_sorted_by(|a, b| a < b),
+                    _ => distances.is_sorted(),
+                };
+                let length = cap.unwrap_or(6000) as usize;
+                expect(row.len() == length, || format!("{order:?}: a row of {length} has {}", row.len()))?;
+                expect(ascending, || format!("{order:?}, cap {cap:?}: row {query} is not sorted"))?;
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Accel cut every list at a fixed length and said nothing.

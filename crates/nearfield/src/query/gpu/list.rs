@@ -10,7 +10,7 @@ use super::batch::{halving, windows};
 use super::on_device::{GpuNeighbors, list_on_device, record_fill, report_two_passes};
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind, Buffer, Gpu};
+use crate::gpu::{Access, AdapterKind, Bind, Buffer, Gpu};
 use crate::query::{CutRow, FixedRadius, Neighbors, Report, RowOrder, rows};
 use crate::structure::GpuStructure;
 use crate::{Error, Result};
@@ -20,11 +20,53 @@ pub(super) fn list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -
     question.validate(structure.len())?;
     let start = Instant::now();
     let mut neighbors = match question.max_neighbors {
+        _ if has_rows_too_long_to_order(structure, question)? => ordered_on_host(structure, question)?,
         Some(cap) => capped_list(structure, question, cap)?,
         None => whole_list(structure, question)?,
     };
     neighbors.report.host_stage("total", start);
     Ok(neighbors)
+}
+
+/// Longest row that a software device orders: its invocations end their loops after 65,535 rounds in all, and a heap of
+/// L neighbours takes about 1.5 L · log₂ L of them beside the walk.
+const LONGEST_ORDERED_ROW_ON_SOFTWARE: u32 = 1024;
+
+fn has_rows_too_long_to_order<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<bool> {
+    let is_ordered = question.order != RowOrder::Unspecified || question.max_neighbors.is_some();
+    if !is_ordered || structure.gpu().kind() != AdapterKind::Software {
+        return Ok(false);
+    }
+    Ok(count(structure, question)?.summary().max > LONGEST_ORDERED_ROW_ON_SOFTWARE)
+}
+
+/// Rows as found on the device; ordered and cut on the host.
+fn ordered_on_host<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Neighbors> {
+    let unordered = FixedRadius { order: RowOrder::Unspecified, max_neighbors: None, distances: true, ..*question };
+    let mut found = whole_list(structure, &unordered)?;
+    let mut made = Neighbors { offsets: vec![0], ..Neighbors::default() };
+    let (mut distances, mut row) = (Vec::new(), Vec::new());
+    for query in 0..found.len() {
+        row.clear();
+        row.extend(
+            found.row(query).iter().copied().zip(found.row_distances(query).unwrap_or_default().iter().copied()),
+        );
+        row.sort_unstable_by(|a: &(u32, f32), b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        let kept = question.max_neighbors.map_or(row.len(), |cap| row.len().min(cap as usize));
+        if kept < row.len() {
+            made.cut.push(CutRow { query: query as u32, missing: (row.len() - kept) as u32 });
+            row.truncate(kept);
+        }
+        if question.order == RowOrder::Index {
+            row.sort_unstable_by_key(|&(id, _)| id);
+        }
+        made.indices.extend(row.iter().map(|&(id, _)| id));
+        distances.extend(row.iter().map(|&(_, distance)| distance));
+        made.offsets.push(made.indices.len() as u64);
+    }
+    made.distances = question.distances.then_some(distances);
+    found.report.notes.push("rows too long for a software device were ordered on the host".into());
+    Ok(Neighbors { report: found.report, ..made })
 }
 
 fn check_host_memory<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, entries: u64) -> Result<()> {

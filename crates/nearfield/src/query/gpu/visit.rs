@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::Result;
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Pipeline, Workgroups};
+use crate::gpu::{Access, AdapterKind, Bind, Buffer, Commands, Kernel, Pipeline, Workgroups};
 use crate::query::{FixedRadius, Queries, Radius, Report};
 use crate::structure::{DevicePoint, GpuStructure, device_points};
 
@@ -125,6 +125,8 @@ pub(super) fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>
     accesses.extend(structure.bindings().iter().map(|(access, _)| *access));
     let mut all: Vec<(&str, bool)> =
         vec![("distances", false), ("by_index", false), ("hashed", false), ("masks", false)];
+    // llvmpipe ends the loops of an invocation after 65,535 rounds in all; see the traversals.
+    all.push(("short_loops", structure.gpu().kind() == AdapterKind::Software));
     all.extend(structure.features());
     all.extend_from_slice(visitor.features);
     let fills = [
