@@ -80,7 +80,9 @@ fn text(lab: &Lab, claims: &[Claim]) -> String {
         let _ = writeln!(text, "- {}", line.trim_end());
     }
     text.push_str(
-        "\nWritten by `nearfield-bench grid` from the CSV files beside it; every answer was checked when it was timed.\n",
+        "\nWritten by `nearfield-bench grid` from the CSV files beside it; every answer was checked when it was timed. A curve \
+         that ends early goes no further because its next point was foretold to take too long, or its list does not fit a \
+         binding of the device.\n",
     );
     if lab.gpu.as_ref().is_some_and(|gpu| !gpu.is_hardware_gpu()) {
         text.push_str(

@@ -127,7 +127,8 @@ fn equal_points(subject: &Subject, n: usize, pairs: u64) -> Verdict {
     let points = vec![Vec3::new(0.5, -3.0, 8.0); n];
     let built = subject.build(&plan(&points, 0.25)).map_err(in_words)?;
     let counts = built.count(&FixedRadius::new(0.25)).map_err(in_words)?;
-    expect(counts.as_slice().iter().all(|&c| c as usize == n), || "a row is not as long as the cloud".into())?;
+    let wrong = counts.as_slice().iter().find(|&&c| c as usize != n);
+    expect(wrong.is_none(), || format!("a row of {n} is counted as {wrong:?}"))?;
     expect(counts.summary().total == pairs, || format!("{} pairs, expected {pairs}", counts.summary().total))?;
     let limit = 32 << 20;
     let outcome = built.list(&FixedRadius::new(0.25).max_bytes(limit)).map(|_| ());

@@ -296,8 +296,8 @@ fn dist2(problem: &Problem<'_>, query: u32, point: u32) -> f32 {
 
 /// Rounding of one distance on a device; larger where small squares are flushed or a far image is wrapped.
 fn near_enough(problem: &Problem<'_>, query: u32, point: u32, distance: f64) -> f64 {
-    let own = 4.0 * ulp(distance as f32) + if distance < 4e-19 { 4e-19 } else { 0.0 };
-    own + problem.slack(query, point) - 4.0 * ulp(problem.radii[query as usize])
+    let flushed = if distance < 4e-19 { 4e-19 } else { 0.0 };
+    4.0 * ulp(distance as f32) + flushed + problem.wrap_rounding(query, point)
 }
 
 /// Whether two points are equally far under any rounding: the same differences by axis, up to the sign.

@@ -98,8 +98,8 @@ fn check_case(subject: &Subject, number: usize) -> Verdict {
         return Err(format!("broken invariant {broken}"));
     }
     let (n, bytes) = (solved.case.points.len() as u64, built.memory_bytes());
-    // Points, four table entries a point and packs; a table over the bounding box would take far more.
-    if built.len() as u64 != n || bytes > 48 * n + 40_000 {
+    // Points, eight table entries a point and packs; a table over the bounding box would take far more.
+    if built.len() as u64 != n || bytes > 64 * n + 40_000 {
         return Err(format!("{} points of {n}, {bytes} bytes", built.len()));
     }
     #[cfg(feature = "gpu")]

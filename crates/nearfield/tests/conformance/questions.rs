@@ -219,7 +219,8 @@ fn put(subject: &Subject, built: &dyn Built, ask: &Question, problem: &Problem<'
                 List { offsets: list.offsets(), indices: list.indices(), distances: list.distances(), cut: list.cut() };
             compare::list(problem, &question, &slices, rule)?;
             let sorted = question.order != RowOrder::Unspecified;
-            let asked = if ask.cap.is_some() { Asked::CappedList } else { Asked::List { sorted } };
+            let asked =
+                if ask.cap.is_some() { Asked::CappedList } else { Asked::List { sorted, distances: ask.distances } };
             subject.check_report(&list.report, asked)
         }
         Verb::Nearest => {

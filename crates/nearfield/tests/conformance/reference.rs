@@ -80,15 +80,19 @@ impl<'a> Problem<'a> {
     }
 
     /// Distance from the sphere's surface within which a device may decide either way.
-    pub(crate) fn slack(&self, query: u32, point: u32) -> f64 {
+    fn slack(&self, query: u32, point: u32) -> f64 {
         let radius = self.radii[query as usize];
+        4.0 * ulp(radius) + flushed(radius) + self.wrap_rounding(query, point)
+    }
+
+    /// What a fused wrap saves: the rounding of length × turns, which is exact for one turn and less.
+    pub(crate) fn wrap_rounding(&self, query: u32, point: u32) -> f64 {
         let (a, b) = (self.queries[query as usize], self.points[point as usize]);
-        // A fused wrap skips the rounding of length × turns, which is exact for one turn and less.
         let wraps = (0..3).map(|axis| match self.period[axis] {
             length if length > 0.0 && (a[axis] - b[axis]).abs() > 1.5 * length => ulp(a[axis] - b[axis]),
             _ => 0.0,
         });
-        4.0 * ulp(radius) + flushed(radius) + wraps.sum::<f64>()
+        wraps.sum()
     }
 
     /// Whether a device may take the point either way.
