@@ -14,6 +14,9 @@ use nearfield::structure::uniform_grid::{GridLayout, LENGTH_SLACK, PERIOD_SLACK,
 const TRAVERSAL: &str = "package::structure::selected";
 const VISITOR: &str = "package::structure::visitor";
 
+/// Condition of traversals that holds for visitors of masks, and only for them.
+const MASKS: &str = "masks";
+
 /// Conditions of a module of which exactly one holds.
 const EXACTLY_ONE: &[(&str, &[&str])] = &[("package::parallel::reduce", &["sum", "smallest", "largest"])];
 
@@ -65,8 +68,7 @@ fn imports(source: &str) -> BTreeSet<String> {
 fn conditions(source: &str) -> BTreeSet<String> {
     let source = without_comments(source);
     let inside = source.split("@if(").skip(1).filter_map(|rest| rest.split(')').next());
-    let words = inside.flat_map(|text| text.split(|c: char| !c.is_alphanumeric() && c != '_'));
-    words.filter(|word| !word.is_empty()).map(str::to_owned).collect()
+    inside.flat_map(|text| text.split(|c: char| !c.is_alphanumeric() && c != '_')).map(str::to_owned).collect()
 }
 
 fn is_root(source: &str) -> bool {
@@ -95,20 +97,22 @@ fn closure(modules: &Modules, root: &str, fills: &[(&str, &str)]) -> BTreeSet<St
     reached
 }
 
-/// Every way to fill the open paths that a module needs.
+/// Every way to fill the open paths that a module needs. Visitors of masks go with traversals that give masks.
 fn fillings(modules: &Modules, root: &str) -> Vec<Vec<(&'static str, &'static str)>> {
     let own = closure(modules, root, &[]);
-    let traversals: Vec<_> = with_function(modules, "traverse").collect();
-    let visitors: Vec<_> = with_function(modules, "visit").chain(with_function(modules, "visit_mask")).collect();
-    let mut all = vec![vec![]];
+    let visitors: Vec<_> = with_function(modules, "finish").collect();
+    let takes_masks = |visitor: &str| source_of(modules, visitor).contains("fn visit_mask(");
     if own.contains(TRAVERSAL) {
-        all = traversals.iter().map(|&t| vec![(TRAVERSAL, t)]).collect();
+        let traversals = with_function(modules, "traverse");
+        let pairs = traversals.flat_map(|t| visitors.iter().map(move |&v| (t, v)));
+        let fits = |t: &str, v: &str| !takes_masks(v) || conditions(source_of(modules, t)).contains(MASKS);
+        return pairs.filter(|(t, v)| fits(t, v)).map(|(t, v)| vec![(TRAVERSAL, t), (VISITOR, v)]).collect();
     }
-    if own.contains(TRAVERSAL) || own.contains(VISITOR) {
-        let with = |fill: &Vec<_>| visitors.iter().map(|&v| [fill.clone(), vec![(VISITOR, v)]].concat()).collect();
-        all = all.iter().flat_map(|fill| -> Vec<_> { with(fill) }).collect();
+    if own.contains(VISITOR) {
+        let fits = |v: &&str| !takes_masks(v) || own.iter().any(|m| conditions(source_of(modules, m)).contains(MASKS));
+        return visitors.iter().copied().filter(fits).map(|v| vec![(VISITOR, v)]).collect();
     }
-    all
+    vec![vec![]]
 }
 
 /// Every combination of the conditions that the modules ask for.
@@ -117,14 +121,12 @@ fn combinations(modules: &Modules, closure: &BTreeSet<String>) -> Vec<Vec<(Strin
     let names: Vec<String> = names.into_iter().collect();
     let all = (0..1u32 << names.len())
         .map(|bits| names.iter().enumerate().map(|(i, name)| (name.clone(), bits >> i & 1 == 1)).collect::<Vec<_>>());
-    // Traversals hand over masks exactly where the visitor takes them.
     let takes_masks = closure.iter().any(|path| source_of(modules, path).contains("fn visit_mask("));
     let allowed = |combination: &Vec<(String, bool)>| {
-        let by_masks = combination.iter().any(|(name, on)| *on && name == "masks");
-        by_masks == takes_masks
-            && EXACTLY_ONE.iter().filter(|(path, _)| closure.contains(*path)).all(|(_, group)| {
-                combination.iter().filter(|(name, on)| *on && group.contains(&name.as_str())).count() == 1
-            })
+        let one_of_each = EXACTLY_ONE.iter().filter(|(path, _)| closure.contains(*path)).all(|(_, group)| {
+            combination.iter().filter(|(name, on)| *on && group.contains(&name.as_str())).count() == 1
+        });
+        one_of_each && combination.iter().all(|(name, on)| name != MASKS || *on == takes_masks)
     };
     all.filter(allowed).collect()
 }

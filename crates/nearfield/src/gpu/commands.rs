@@ -13,13 +13,16 @@ const MOST_TIMED_STAGES: usize = wgpu::QUERY_SET_MAX_QUERIES as usize / 2;
 #[derive(Debug, Clone)]
 pub struct Bind {
     raw: wgpu::Buffer,
+    /// Bytes that the kernel sees: those of the elements, however large the buffer is.
+    bytes: u64,
     /// Work that is recorded keeps the memory of its buffers, also when they are dropped before it is submitted.
     accounted: Option<Arc<Accounted>>,
 }
 
 impl<T: DeviceElement> From<&Buffer<T>> for Bind {
     fn from(buffer: &Buffer<T>) -> Self {
-        Self { raw: buffer.raw().clone(), accounted: buffer.accounted() }
+        let bytes = buffer.bytes().max(4).next_multiple_of(4).min(buffer.raw().size());
+        Self { raw: buffer.raw().clone(), bytes, accounted: buffer.accounted() }
     }
 }
 
@@ -276,7 +279,11 @@ fn encode_dispatch(
             .enumerate()
             .map(|(binding, bind)| wgpu::BindGroupEntry {
                 binding: binding as u32,
-                resource: bind.raw.as_entire_binding(),
+                resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                    buffer: &bind.raw,
+                    offset: 0,
+                    size: std::num::NonZeroU64::new(bind.bytes),
+                }),
             })
             .collect();
         let descriptor = wgpu::BindGroupDescriptor { label: Some(pipeline.name()), layout, entries: &entries };

@@ -22,6 +22,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("visitors_know_query_and_neighbor", visitors_know_query_and_neighbor),
         gpu_trial("a_visitor_that_does_not_compile_is_rejected_readably", a_bad_visitor_is_rejected_readably),
         gpu_trial("a_visitor_that_writes_out_of_bounds_does_no_harm", a_visitor_out_of_bounds_does_no_harm),
+        gpu_trial("a_visitor_sees_the_length_of_its_buffer", a_visitor_sees_the_length_of_its_buffer),
         gpu_trial("wrong_bindings_of_a_visitor_are_an_error", wrong_bindings_of_a_visitor_are_an_error),
     ]
 }
@@ -253,6 +254,14 @@ fn a_visitor_out_of_bounds_does_no_harm(gpu: &Gpu) {
         let counts = values_of(gpu, &both, &FixedRadius::new(RADIUS), &count, &[], by_grid);
         assert!(counts.iter().zip(&rows).all(|(&count, row)| count as usize == row.len()), "by grid {by_grid}");
     }
+}
+
+fn a_visitor_sees_the_length_of_its_buffer(gpu: &Gpu) {
+    let both = Both::new(gpu, 100);
+    let length = source(VALUES, "arrayLength(&values)", "return false;", STORE);
+    // Memory of a larger buffer that is not used any more may serve for a smaller one.
+    drop(gpu.upload("larger", &[0u32; 120]).unwrap());
+    assert_eq!(values_of(gpu, &both, &FixedRadius::new(RADIUS), &length, &[], true), [100; 100]);
 }
 
 fn wrong_bindings_of_a_visitor_are_an_error(gpu: &Gpu) {
