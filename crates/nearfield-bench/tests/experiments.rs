@@ -236,7 +236,7 @@ fn planted_total_is_caught() {
 
 fn wrong_answers_are_caught(gpu: Option<&Gpu>, methods: &[Method]) {
     let points = cloud(CloudKind::Uniform, 500, SEED).points;
-    let effort = Effort { runs: 1, seconds: 0.0 };
+    let effort = Effort { warm_up: 0.0, runs: 1, seconds: 0.0 };
     let right = Case::new(&points, 0.125).expect("a reference");
     // The reference is that of another radius: every answer is wrong.
     let expected = Expected::of(&points, 0.13).expect("a reference");
