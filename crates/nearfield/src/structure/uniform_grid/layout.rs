@@ -239,10 +239,10 @@ mod tests {
     #[test]
     fn a_dense_table_numbers_cells_along_x() {
         let layout = unit(10_000, 0.25);
-        assert_eq!((layout.hashed, layout.cells), (0, [9, 5, 5]));
-        assert_eq!(layout.table_size, 9 * 5 * 5);
-        assert_eq!(layout.entry_of([8, 4, 4]), layout.table_size - 1);
-        assert_eq!(layout.cell_of(Vec3::new(1.0, 0.49, -7.0)), [8, 1, 0]);
+        assert_eq!((layout.hashed, layout.cells), (0, [17, 5, 5]));
+        assert_eq!(layout.table_size, 17 * 5 * 5);
+        assert_eq!(layout.entry_of([16, 4, 4]), layout.table_size - 1);
+        assert_eq!(layout.cell_of(Vec3::new(1.0, 0.49, -7.0)), [16, 1, 0]);
     }
 
     #[test]
@@ -265,7 +265,7 @@ mod tests {
         let period = Period::new(Vec3::ONE).unwrap();
         let settings = GridSettings::for_radius(0.25).periodic(period);
         let layout = GridLayout::new(10_000, &Aabb::new(Vec3::ZERO, Vec3::ONE), &settings);
-        assert_eq!(layout.cells, [8, 4, 4]);
+        assert_eq!(layout.cells, [16, 4, 4]);
         assert_eq!(layout.cells_near(1, 0.1, 0.1, 0.2), CellRange { first: 3, count: 3 });
         assert_eq!(layout.cells_near(1, 7.1, 7.1, 0.2), CellRange { first: 3, count: 3 });
         assert_eq!(layout.cells_near(1, 0.1, 0.1, 9.0), CellRange { first: 0, count: 4 });
