@@ -21,7 +21,7 @@ pub struct Bind {
 
 impl<T: DeviceElement> From<&Buffer<T>> for Bind {
     fn from(buffer: &Buffer<T>) -> Self {
-        let bytes = buffer.bytes().max(4).next_multiple_of(4).min(buffer.raw().size());
+        let bytes = buffer.bytes().max(size_of::<T>() as u64).next_multiple_of(4).min(buffer.raw().size());
         Self { raw: buffer.raw().clone(), bytes, accounted: buffer.accounted() }
     }
 }

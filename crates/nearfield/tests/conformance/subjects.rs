@@ -224,6 +224,20 @@ impl Subject {
         format!("{}/{device}/{}", self.structure, self.variant)
     }
 
+    /// Whether the cases are tried on this build: software devices leave out those that only change how far a query
+    /// walks, unless long tests are asked for.
+    pub(crate) fn is_tried_here(&self) -> bool {
+        match self.device {
+            Device::Cpu => true,
+            #[cfg(feature = "gpu")]
+            Device::Gpu => {
+                let far =
+                    ["cells-a-third-refined", "cells-twenty-times", "bounds-of-a-quarter"].contains(&self.variant);
+                !far || crate::support::gpu().is_ok_and(crate::support::long_cases)
+            }
+        }
+    }
+
     /// Builds the structure.
     pub(crate) fn build(&self, plan: &Plan<'_>) -> Result<Box<dyn Built>> {
         (self.build)(plan)

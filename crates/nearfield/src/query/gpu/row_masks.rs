@@ -106,7 +106,8 @@ struct MaskSearch<'a, S> {
     queries: QueryBuffers,
     counts: Buffer<u32>,
     words: Buffer<u32>,
-    masks: Buffer<[u32; 2]>,
+    /// Two words an element.
+    masks: Buffer<[u32; 4]>,
     overflowed: Buffer<u32>,
     capacity: Buffer<[u32; 4]>,
     report: Report,
@@ -122,7 +123,7 @@ impl<'a, S: GpuStructure> MaskSearch<'a, S> {
             queries: QueryBuffers::in_search_order(structure, question)?,
             counts: gpu.buffer("neighbour counts", n)?,
             words: gpu.buffer("words of queries", n)?,
-            masks: gpu.buffer("neighbour masks", n * WORDS as usize)?,
+            masks: gpu.buffer("neighbour masks", n * WORDS as usize / 2)?,
             overflowed: gpu.buffer("overflowed queries", 1)?,
             capacity: gpu.uniform("mask capacity", &[WORDS, n as u32, 0, 0])?,
             report: visit::report(structure, "row-masks", &["package::query::row_masks"]),
