@@ -36,6 +36,7 @@ pub(crate) fn trials() -> Vec<Trial> {
             trials.push(crate::trial_on(subject, format!("{}/{name}", subject.name()), move || check(subject)));
         }
     }
+    trials.push(crate::trial("cpu/sorted-lists-have-the-same-bytes-from-every-build".into(), same_bytes_from_all));
     for subject in SUBJECTS.iter().filter(|s| s.device == Device::Cpu) {
         let name = format!("{}/one-two-and-four-threads-give-the-same-bytes", subject.name());
         trials.push(crate::trial(name, move || same_bytes_on_any_threads(subject)));
@@ -166,6 +167,20 @@ fn same_bytes(subject: &Subject) -> Verdict {
         for run in 2..=3 {
             let again = build_and_list(subject, &points, order)?;
             expect(again == first, || format!("{order:?}: run {run} differs from run 1"))?;
+        }
+    }
+    Ok(())
+}
+
+fn same_bytes_from_all() -> Verdict {
+    let points = cloud(5000);
+    let mut cpu = SUBJECTS.iter().filter(|s| s.device == Device::Cpu);
+    let first = cpu.next().ok_or("there should be a structure on the CPU")?;
+    for order in [RowOrder::Index, RowOrder::Distance] {
+        let expected = build_and_list(first, &points, order)?;
+        for subject in cpu.clone() {
+            let made = build_and_list(subject, &points, order)?;
+            expect(made == expected, || format!("{order:?}: {} differs from {}", subject.name(), first.name()))?;
         }
     }
     Ok(())

@@ -6,12 +6,14 @@
 //!
 //! - `NEARFIELD_TEST_DEVICE`, `NEARFIELD_REQUIRE_GPU`: see `support`
 //! - `NEARFIELD_DATA`: the folder of real scans, else `../shared/data` beside the repository
-//! - `NEARFIELD_LONG=1`: larger clouds, and all builds on software devices
+//! - `NEARFIELD_LONG=1`: clouds of a million points, and all builds on software devices (hardware has both always)
 //! - `NEARFIELD_SEED=N`: only that random case
 
 mod cases;
 mod claims;
 mod compare;
+mod images;
+mod large;
 mod planted;
 mod property;
 mod questions;
@@ -37,6 +39,8 @@ fn main() -> ExitCode {
     trials.extend(case_trials());
     trials.extend(claims::trials());
     trials.extend(property::trials());
+    trials.extend(images::trials());
+    trials.extend(large::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }
 

@@ -238,6 +238,16 @@ impl Subject {
         }
     }
 
+    /// Whether large clouds are tried: on hardware, and where long tests are asked for.
+    pub(crate) fn takes_large_clouds(&self) -> bool {
+        let long = std::env::var_os("NEARFIELD_LONG").is_some_and(|v| v == "1");
+        match self.device {
+            Device::Cpu => long,
+            #[cfg(feature = "gpu")]
+            Device::Gpu => long || crate::support::gpu().is_ok_and(crate::support::long_cases),
+        }
+    }
+
     /// Builds the structure.
     pub(crate) fn build(&self, plan: &Plan<'_>) -> Result<Box<dyn Built>> {
         (self.build)(plan)
