@@ -6,7 +6,7 @@ pub mod generate;
 mod ordered_points;
 mod point_cloud;
 mod ray;
-pub mod row_simd;
+pub(crate) mod row_simd;
 mod sphere;
 mod tri_mesh;
 mod triangle;

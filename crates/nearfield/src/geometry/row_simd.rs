@@ -15,40 +15,40 @@ use super::distance::Period;
 
 /// The closed ball of one query.
 #[derive(Debug, Clone, Copy)]
-pub struct Ball {
+pub(crate) struct Ball {
     /// Center.
-    pub center: Vec3,
+    pub(crate) center: Vec3,
     /// Squared radius.
-    pub radius2: f32,
+    pub(crate) radius2: f32,
     /// Period of the domain.
-    pub period: Period,
+    pub(crate) period: Period,
 }
 
 /// Neighbours found for one or more rows: indices in the caller's order, and squared distances where asked for.
 #[derive(Debug, Clone, Default)]
-pub struct Hits {
+pub(crate) struct Hits {
     /// The caller's indices.
-    pub ids: Vec<u32>,
+    pub(crate) ids: Vec<u32>,
     /// Squared distances; empty where not asked for.
-    pub dist2: Vec<f32>,
+    pub(crate) dist2: Vec<f32>,
 }
 
 impl Hits {
     /// Forgets all hits, keeping the memory.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.ids.clear();
         self.dist2.clear();
     }
 
     /// Pairs of index and squared distance; empty where distances were not asked for.
-    pub fn iter(&self) -> impl Iterator<Item = (u32, f32)> + '_ {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (u32, f32)> + '_ {
         self.ids.iter().copied().zip(self.dist2.iter().copied())
     }
 }
 
 /// The instruction set in use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Simd {
+pub(crate) enum Simd {
     /// 16 lanes.
     Avx512,
     /// 8 lanes.
@@ -59,7 +59,7 @@ pub enum Simd {
 
 impl Simd {
     /// The widest form this processor has.
-    pub fn best() -> Self {
+    pub(crate) fn best() -> Self {
         static BEST: OnceLock<Simd> = OnceLock::new();
         *BEST.get_or_init(|| {
             #[cfg(target_arch = "x86_64")]
@@ -76,7 +76,7 @@ impl Simd {
     }
 
     /// "avx512", "avx2" or "portable".
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Simd::Avx512 => "avx512",
             Simd::Avx2 => "avx2",
@@ -87,11 +87,11 @@ impl Simd {
 
 /// Number of points of `spans` inside the ball.
 #[inline]
-pub fn count(simd: Simd, points: &OrderedPoints, spans: &[Range<usize>], ball: &Ball) -> u32 {
+pub(crate) fn count(simd: Simd, points: &OrderedPoints, spans: &[Range<usize>], ball: &Ball) -> u32 {
     check(points, spans);
     match (simd, ball.period.is_periodic()) {
-        // SAFETY (all arms): the form was chosen by `Simd::best` or a test that asked the processor; spans are in range.
         #[cfg(target_arch = "x86_64")]
+        // SAFETY: the form was chosen by `Simd::best` or a test that asked the processor; spans are in range.
         (Simd::Avx512, false) => unsafe { avx512::count::<false>(points, spans, ball) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as above.
@@ -108,7 +108,7 @@ pub fn count(simd: Simd, points: &OrderedPoints, spans: &[Range<usize>], ball: &
 
 /// Appends the points of `spans` inside the ball to `hits`, in the order of the spans.
 #[inline]
-pub fn collect<const DIST2: bool>(
+pub(crate) fn collect<const DIST2: bool>(
     simd: Simd,
     points: &OrderedPoints,
     spans: &[Range<usize>],
@@ -122,8 +122,8 @@ pub fn collect<const DIST2: bool>(
         hits.dist2.reserve(most);
     }
     match (simd, ball.period.is_periodic()) {
-        // SAFETY (all arms): as in `count`; `hits` has room for every candidate and one vector more.
         #[cfg(target_arch = "x86_64")]
+        // SAFETY: as in `count`; `hits` has room for every candidate and one vector more.
         (Simd::Avx512, false) => unsafe { avx512::collect::<DIST2, false>(points, spans, ball, hits) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as above.
@@ -443,6 +443,12 @@ mod tests {
     #[should_panic(expected = "inside the points")]
     fn a_span_past_the_end_is_caught() {
         let points = lattice();
-        count(Simd::best(), &points, &[60..62], &Ball { center: Vec3::ZERO, radius2: 1.0, period: Period::NONE });
+        let past_the_end = 60..62;
+        count(
+            Simd::best(),
+            &points,
+            std::slice::from_ref(&past_the_end),
+            &Ball { center: Vec3::ZERO, radius2: 1.0, period: Period::NONE },
+        );
     }
 }

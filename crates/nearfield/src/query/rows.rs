@@ -1,9 +1,12 @@
 //! Rows of neighbours on their way to an answer: order and cap within a row, and the assembly of tasks into one list.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::{CutRow, FixedRadius, NeighborRows, Neighbors, RowOrder};
 use crate::geometry::row_simd::Hits;
+use crate::parallel::scan;
 use crate::{Error, Result};
 
 /// Rows that one task found, in searching order.
@@ -122,33 +125,40 @@ pub(super) fn available_memory() -> u64 {
     known().unwrap_or(u64::MAX)
 }
 
+/// Where a row stands: the task that found it, and the place in its hits.
+#[derive(Debug, Clone, Copy)]
+struct FoundRow {
+    task: u32,
+    length: u32,
+    start: usize,
+}
+
 /// Brings the tasks' rows into query order.
 ///
 /// # Errors
 /// `OutOfMemory`.
 pub(super) fn assemble(tasks: Vec<TaskRows>, n_queries: usize, distances: bool) -> Result<Neighbors> {
-    // Where each query's row is: the task, and the start within it.
-    let mut place = vec![(0u32, 0usize, 0u32); n_queries];
+    // Rows in the order in which they were found, and for each query the number of its row: only this is scattered.
+    let n_rows = tasks.iter().map(|t| t.queries.len()).sum();
+    let mut found = Vec::with_capacity(n_rows);
+    let mut row_of = vec![0u32; n_queries];
     for (number, task) in tasks.iter().enumerate() {
         let mut start = 0;
         for (&query, &length) in task.queries.iter().zip(&task.lengths) {
-            place[query as usize] = (number as u32, start, length);
+            row_of[query as usize] = found.len() as u32;
+            found.push(FoundRow { task: number as u32, length, start });
             start += length as usize;
         }
     }
-    let mut offsets = Vec::with_capacity(n_queries + 1);
-    let mut total = 0u64;
-    offsets.push(0);
-    for &(_, _, length) in &place {
-        total += u64::from(length);
-        offsets.push(total);
-    }
+    let lengths: Vec<u32> = row_of.par_iter().map(|&row| found[row as usize].length).collect();
+    let offsets = scan::exclusive_u64(&lengths);
+    let rows = |queries: Range<usize>| row_of[queries].iter().map(|&row| found[row as usize]);
     let mut cut: Vec<CutRow> = tasks.iter().flat_map(|t| t.cut.iter().copied()).collect();
     cut.sort_unstable_by_key(|c| c.query);
-    let indices = gather(&offsets, &place, |task| &tasks[task as usize].hits.ids)?;
+    let indices = gather(&offsets, rows, |task| &tasks[task].hits.ids)?;
     let distances = match distances {
         true => {
-            let mut values = gather(&offsets, &place, |task| &tasks[task as usize].hits.dist2)?;
+            let mut values = gather(&offsets, rows, |task| &tasks[task].hits.dist2)?;
             values.par_iter_mut().with_min_len(1 << 14).for_each(|d| *d = d.sqrt());
             Some(values)
         }
@@ -195,26 +205,27 @@ fn zeroed<T: bytemuck::Zeroable>(len: usize) -> Result<Vec<T>> {
 /// Queries whose rows one thread copies.
 const GATHER_QUERIES: usize = 1 << 13;
 
-fn gather<'a, T: bytemuck::Pod + Send + Sync>(
+/// Copies the rows of all queries, which `rows` names for a range of queries, to where `offsets` says.
+fn gather<'a, T: bytemuck::Pod + Send + Sync, R: Iterator<Item = FoundRow>>(
     offsets: &[u64],
-    place: &[(u32, usize, u32)],
-    column: impl Fn(u32) -> &'a Vec<T> + Sync,
+    rows: impl Fn(Range<usize>) -> R + Sync,
+    column: impl Fn(usize) -> &'a Vec<T> + Sync,
 ) -> Result<Vec<T>> {
-    let total = offsets.last().copied().unwrap_or(0);
-    let mut values: Vec<T> = zeroed(total as usize)?;
+    let n_queries = offsets.len() - 1;
+    let mut values: Vec<T> = zeroed(offsets[n_queries] as usize)?;
     let mut parts = Vec::new();
     let mut rest = &mut values[..];
-    for first in (0..place.len()).step_by(GATHER_QUERIES) {
-        let end = place.len().min(first + GATHER_QUERIES);
+    for first in (0..n_queries).step_by(GATHER_QUERIES) {
+        let end = n_queries.min(first + GATHER_QUERIES);
         let (part, after) = rest.split_at_mut((offsets[end] - offsets[first]) as usize);
         parts.push((first..end, part));
         rest = after;
     }
     parts.into_par_iter().for_each(|(queries, part)| {
         let mut rest = part;
-        for &(task, start, length) in &place[queries] {
-            let (row, after) = rest.split_at_mut(length as usize);
-            row.copy_from_slice(&column(task)[start..start + length as usize]);
+        for row in rows(queries) {
+            let (to, after) = rest.split_at_mut(row.length as usize);
+            to.copy_from_slice(&column(row.task as usize)[row.start..row.start + row.length as usize]);
             rest = after;
         }
     });

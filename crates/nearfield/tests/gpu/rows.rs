@@ -7,7 +7,7 @@ use crate::support::{gpu_trial, trial};
 use crate::{RADIUS, lattice_points, rows_by_loop};
 
 /// Tests of both sides.
-pub fn trials() -> Vec<Trial> {
+pub(crate) fn trials() -> Vec<Trial> {
     vec![
         trial("cpu_rows_equal_the_loop", || {
             let points = lattice_points(3000);

@@ -101,7 +101,7 @@ pub(super) fn record_fill<S: GpuStructure>(
 
 /// Fixed-radius search that leaves its answers on the device. Implemented for every GPU structure.
 pub trait SearchOnDevice: GpuStructure {
-    /// Number of neighbours of every query: [q] in query order.
+    /// Number of neighbours of every query: `[q]` in query order.
     ///
     /// # Errors
     /// See [`FixedRadius::validate`]; `OutOfDeviceMemory`, `DeviceLost`.

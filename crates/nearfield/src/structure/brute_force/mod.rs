@@ -3,7 +3,7 @@
 //! The reference that every other structure is compared with, and the fastest choice for a few thousand points.
 //! Source: the brute-force baseline of Accel. Cost: 16 bytes a point, no build beyond a copy, O(n) a query.
 //!
-//! Invariants: 1. the order is the caller's order; 2. packs are runs of at most [`PACK`] points.
+//! Invariants: 1. the order is the caller's order; 2. packs are runs of at most 64 points.
 
 mod cpu;
 #[cfg(feature = "gpu")]
