@@ -136,8 +136,8 @@ impl Gpu {
     }
 
     fn allocate<T>(&self, label: &'static str, len: usize, usage: BufferUsages) -> Result<Buffer<T>> {
-        // Bindings and copies need at least one word and whole words.
-        let size = (len as u64 * size_of::<T>() as u64).max(WORD as u64).next_multiple_of(WORD as u64);
+        // Bindings need at least one element, of at most 16 bytes in kernels; copies need whole words.
+        let size = (len as u64 * size_of::<T>() as u64).max(16).next_multiple_of(WORD as u64);
         self.reserve(label, size)?;
         let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
         let accounted = Some(Arc::new(Accounted { gpu: self.clone(), bytes: size }));

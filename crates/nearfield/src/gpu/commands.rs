@@ -251,6 +251,9 @@ fn encode_dispatch(
     groups: &[Vec<Bind>; 2],
     workgroups: &Workgroups,
 ) {
+    if matches!(workgroups, Workgroups::Count(0) | Workgroups::Covering(0)) {
+        return;
+    }
     pass.set_pipeline(&pipeline.raw);
     for (number, (layout, binds)) in pipeline.groups.iter().zip(groups).enumerate() {
         let entries: Vec<_> = binds
@@ -270,6 +273,5 @@ fn encode_dispatch(
         Workgroups::Covering(items) => items.div_ceil(u64::from(pipeline.workgroup_size)),
     };
     let width = count.min(u64::from(gpu.limits().workgroups));
-    let height = if width == 0 { 0 } else { count.div_ceil(width) };
-    pass.dispatch_workgroups(width as u32, height as u32, 1);
+    pass.dispatch_workgroups(width as u32, count.div_ceil(width) as u32, 1);
 }

@@ -4,7 +4,8 @@
 //! Masks of 32 candidates a word are an eighth of the bytes, and a team of 32 invocations writes a word's neighbours
 //! side by side. Queries with more words than the masks hold are filled by a second walk.
 
-use super::on_device::GpuNeighbors;
+use super::loops::VisitorRounds;
+use super::on_device::{GpuNeighbors, ListSize};
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::gpu::shader::Fill;
 use crate::gpu::{Access, Bind, Buffer, Kernel, Workgroups};
@@ -25,12 +26,12 @@ pub(super) fn applies<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>
     structure.ids().is_some() && !question.distances && question.order == RowOrder::Unspecified
 }
 
-/// The list by masks. `accept` sees the number of entries before memory is taken for them.
+/// The list by masks. `accept` sees the size before memory is taken for the entries; rows have no order.
 pub(super) fn list_on_device<S: GpuStructure>(
     structure: &S,
     ids: &Buffer<u32>,
     question: &FixedRadius<'_>,
-    accept: impl FnOnce(u64) -> Result<()>,
+    accept: impl FnOnce(ListSize) -> Result<RowOrder>,
 ) -> Result<GpuNeighbors> {
     let gpu = structure.gpu();
     let n = question.len(structure.len());
@@ -51,6 +52,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
             source: Fill::Module(visitors[0]),
             features: &[("masks", true)],
             accesses: &[Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::Uniform],
+            rounds: VisitorRounds::default(),
         };
         let binds: [Bind; 5] =
             [(&counts).into(), (&words).into(), (&masks).into(), (&overflowed).into(), (&capacity).into()];
@@ -63,7 +65,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
         super::answers::add_stages(&mut report, &commands.run()?);
     }
     let (total, overflowed) = (gpu.read(&sums)?[0], gpu.read(&overflowed)?[0]);
-    accept(total)?;
+    accept(ListSize { entries: total, longest_row: 0 })?;
     let available = gpu.limits().binding_bytes;
     if total * 4 > available {
         return Err(Error::OutOfDeviceMemory { what: "neighbour indices".into(), needed: total * 4, available });
@@ -90,6 +92,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
             source: Fill::Module(visitors[1]),
             features: &[],
             accesses: &[Access::Read, Access::ReadWrite, Access::Read, Access::Uniform],
+            rounds: VisitorRounds::default(),
         };
         let binds: [Bind; 4] = [(&offsets).into(), (&indices).into(), (&words).into(), (&capacity).into()];
         visit::record(&mut commands, structure, question, &queries, &visitor, &binds)?;

@@ -8,7 +8,7 @@ use glam::Vec3;
 use crate::Result;
 use crate::geometry::{Period, validate};
 use crate::gpu::{Access, Bind, Buffer, Gpu};
-use crate::structure::on_gpu::{DevicePoint, GpuStructure, device_points};
+use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
 use crate::structure::{BruteForce, BuildStage, CpuStructure};
 
 /// `Layout` in traverse.wesl, byte for byte.
@@ -82,6 +82,10 @@ impl GpuStructure for GpuBruteForce {
 
     fn traverse_module(&self) -> &'static str {
         "package::structure::brute_force::traverse"
+    }
+
+    fn most_effort(&self, _: f32) -> Result<Effort> {
+        Ok(Effort { candidates: self.len() as u64, rounds: 0 })
     }
 
     fn features(&self) -> Vec<(&'static str, bool)> {
