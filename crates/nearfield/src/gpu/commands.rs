@@ -13,7 +13,7 @@ const MOST_TIMED_STAGES: usize = wgpu::QUERY_SET_MAX_QUERIES as usize / 2;
 #[derive(Debug, Clone)]
 pub struct Bind {
     raw: wgpu::Buffer,
-    /// Bytes that the kernel sees: those of the elements, however large the buffer is.
+    /// Bytes that the kernel sees: those of the elements, of one where there is none, however large the buffer is.
     bytes: u64,
     /// Work that is recorded keeps the memory of its buffers, also when they are dropped before it is submitted.
     accounted: Option<Arc<Accounted>>,
@@ -21,7 +21,7 @@ pub struct Bind {
 
 impl<T: DeviceElement> From<&Buffer<T>> for Bind {
     fn from(buffer: &Buffer<T>) -> Self {
-        let bytes = buffer.bytes().max(size_of::<T>() as u64).next_multiple_of(4).min(buffer.raw().size());
+        let bytes = buffer.bytes().max(size_of::<T>() as u64).max(4).next_multiple_of(4).min(buffer.raw().size());
         Self { raw: buffer.raw().clone(), bytes, accounted: buffer.accounted() }
     }
 }
@@ -272,6 +272,9 @@ fn encode_dispatch(
     groups: &[Vec<Bind>; 2],
     workgroups: &Workgroups,
 ) {
+    if matches!(workgroups, Workgroups::Count(0) | Workgroups::Covering(0)) {
+        return;
+    }
     pass.set_pipeline(&pipeline.raw);
     for (number, (layout, binds)) in pipeline.groups.iter().zip(groups).enumerate() {
         let entries: Vec<_> = binds
@@ -295,6 +298,5 @@ fn encode_dispatch(
         Workgroups::Covering(items) => items.div_ceil(u64::from(pipeline.workgroup_size)),
     };
     let width = count.min(u64::from(gpu.limits().workgroups));
-    let height = if width == 0 { 0 } else { count.div_ceil(width) };
-    pass.dispatch_workgroups(width as u32, height as u32, 1);
+    pass.dispatch_workgroups(width as u32, count.div_ceil(width) as u32, 1);
 }

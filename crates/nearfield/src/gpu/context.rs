@@ -48,7 +48,13 @@ pub struct GpuLimits {
     pub subgroup: Option<(u32, u32)>,
     /// Nanoseconds a timestamp tick, where stages can be timed on the device.
     pub timestamp_period: Option<f32>,
+    /// Rounds that all loops of an invocation may take together, where the device ends them after a number: llvmpipe
+    /// does after 65,535, silently, and other software renderers may.
+    pub loop_rounds: Option<u32>,
 }
+
+/// Loop rounds that count as safe on software renderers.
+const SOFTWARE_LOOP_ROUNDS: u32 = 60_000;
 
 /// Bytes allocated and allowed.
 #[derive(Default)]
@@ -125,6 +131,7 @@ impl Gpu {
                 .contains(wgpu::Features::SUBGROUP)
                 .then_some((info.subgroup_min_size, info.subgroup_max_size)),
             timestamp_period: features.contains(wgpu::Features::TIMESTAMP_QUERY).then(|| queue.get_timestamp_period()),
+            loop_rounds: (kind == AdapterKind::Software).then_some(SOFTWARE_LOOP_ROUNDS),
         };
         let memory = Memory { refuse_in: AtomicI64::new(-1), limit: AtomicU64::new(u64::MAX), ..Memory::default() };
         let (pipelines, lost) = (Mutex::default(), Arc::new(OnceLock::new()));

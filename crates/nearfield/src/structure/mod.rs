@@ -20,7 +20,7 @@ pub use brute_force::GpuBruteForce;
 #[cfg(feature = "gpu")]
 pub(crate) use on_gpu::device_points;
 #[cfg(feature = "gpu")]
-pub use on_gpu::{DevicePoint, GpuStructure};
+pub use on_gpu::{DevicePoint, Effort, GpuStructure};
 #[cfg(feature = "gpu")]
 pub use uniform_grid::{GpuUniformGrid, GridBuilder};
 pub use uniform_grid::{GridSettings, UniformGrid};

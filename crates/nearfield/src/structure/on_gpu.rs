@@ -4,10 +4,20 @@ use glam::Vec3;
 
 use super::BuildStage;
 use crate::Result;
+use crate::geometry::Aabb;
 use crate::gpu::{Access, Bind, Buffer, Gpu};
 
 /// A point on the device: xyz, and the caller's index as bits.
 pub type DevicePoint = [f32; 4];
+
+/// Upper bounds of what a traversal does on behalf of invocations that run in step, each with a query of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Effort {
+    /// Points tested.
+    pub candidates: u64,
+    /// Rounds of all loops, apart from those over candidates.
+    pub rounds: u64,
+}
 
 /// A structure on the device: points in some order, and a WESL module that visits those near a query.
 pub trait GpuStructure: Sync {
@@ -36,6 +46,14 @@ pub trait GpuStructure: Sync {
 
     /// Module that holds `fn traverse(query: Query, state: ptr<function, State>)`.
     fn traverse_module(&self) -> &'static str;
+
+    /// The most that a traversal of the module does for queries of at most this radius, that lie within `queries` or
+    /// are the points themselves. Asked only on devices that end long loops ([`crate::gpu::GpuLimits::loop_rounds`]); there the module's loops must test eight candidates a round
+    /// under the feature `short_loops`, and do nothing but test every point under `all_points`.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory`, `OutOfMemory`, `DeviceLost`.
+    fn most_effort(&self, radius: f32, queries: Option<&Aabb>) -> Result<Effort>;
 
     /// Conditions that the module is compiled with.
     fn features(&self) -> Vec<(&'static str, bool)>;

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use super::batch::halving;
 use super::list;
+use super::loops::VisitorRounds;
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::Result;
 use crate::gpu::shader::Fill;
@@ -11,13 +12,18 @@ use crate::gpu::{Access, Bind, Buffer, StageTime};
 use crate::query::{Clock, Counts, FixedRadius, Nearest, NeighborSearch, Neighbors, Report, Stage};
 use crate::structure::{GpuBruteForce, GpuStructure, GpuUniformGrid};
 
-pub(super) const COUNT: VisitorCode<'static> =
-    VisitorCode { source: Fill::Module("package::query::count"), features: &[], accesses: &[Access::ReadWrite] };
+pub(super) const COUNT: VisitorCode<'static> = VisitorCode {
+    source: Fill::Module("package::query::count"),
+    features: &[],
+    accesses: &[Access::ReadWrite],
+    rounds: VisitorRounds { each: 0, finish: 0 },
+};
 
 const NEAREST: VisitorCode<'static> = VisitorCode {
     source: Fill::Module("package::query::nearest"),
     features: &[],
     accesses: &[Access::ReadWrite, Access::ReadWrite],
+    rounds: VisitorRounds { each: 0, finish: 0 },
 };
 
 /// Adds the device's stage times to a report.

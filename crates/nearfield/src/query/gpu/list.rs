@@ -1,17 +1,17 @@
-//! The list read back to the host: at once where it fits the device, else in batches; and the capped list.
+//! The list read back to the host: at once where it fits the device, else in batches.
 
 use std::ops::Range;
 use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::answers::{add_stages, count, in_batches};
+use super::answers::{add_stages, count};
 use super::batch::{halving, windows};
-use super::on_device::{GpuNeighbors, list_on_device, record_fill, report_two_passes};
-use super::visit::{self, QueryBuffers, VisitorCode};
-use crate::gpu::shader::Fill;
-use crate::gpu::{Access, AdapterKind, Bind, Buffer, Gpu};
-use crate::query::{CutRow, FixedRadius, Neighbors, Report, RowOrder, rows};
+use super::capped_list::capped_list;
+use super::loops;
+use super::on_device::{list_on_device, record_fill, report_two_passes};
+use super::visit::QueryBuffers;
+use crate::query::{FixedRadius, Neighbors, Report, RowOrder, rows};
 use crate::structure::GpuStructure;
 use crate::{Error, Result};
 
@@ -20,7 +20,6 @@ pub(super) fn list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -
     question.validate(structure.len())?;
     let start = Instant::now();
     let mut neighbors = match question.max_neighbors {
-        _ if has_rows_too_long_to_order(structure, question)? => ordered_on_host(structure, question)?,
         Some(cap) => capped_list(structure, question, cap)?,
         None => whole_list(structure, question)?,
     };
@@ -28,88 +27,103 @@ pub(super) fn list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -
     Ok(neighbors)
 }
 
-/// Longest row that a software device orders: its invocations end their loops after 65,535 rounds in all, and a heap of
-/// L neighbours takes about 1.5 L · log₂ L of them beside the walk.
-const LONGEST_ORDERED_ROW_ON_SOFTWARE: u32 = 1024;
-
-fn has_rows_too_long_to_order<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<bool> {
-    let is_ordered = question.order != RowOrder::Unspecified || question.max_neighbors.is_some();
-    if !is_ordered || structure.gpu().kind() != AdapterKind::Software {
-        return Ok(false);
-    }
-    Ok(count(structure, question)?.summary().max > LONGEST_ORDERED_ROW_ON_SOFTWARE)
-}
-
-/// Rows as found on the device; ordered and cut on the host.
-fn ordered_on_host<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Neighbors> {
-    let unordered = FixedRadius { order: RowOrder::Unspecified, max_neighbors: None, distances: true, ..*question };
-    let mut found = whole_list(structure, &unordered)?;
-    let mut made = Neighbors { offsets: vec![0], ..Neighbors::default() };
-    let (mut distances, mut row) = (Vec::new(), Vec::new());
-    for query in 0..found.len() {
-        row.clear();
-        row.extend(
-            found.row(query).iter().copied().zip(found.row_distances(query).unwrap_or_default().iter().copied()),
-        );
-        row.sort_unstable_by(|a: &(u32, f32), b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
-        let kept = question.max_neighbors.map_or(row.len(), |cap| row.len().min(cap as usize));
-        if kept < row.len() {
-            made.cut.push(CutRow { query: query as u32, missing: (row.len() - kept) as u32 });
-            row.truncate(kept);
-        }
-        if question.order == RowOrder::Index {
-            row.sort_unstable_by_key(|&(id, _)| id);
-        }
-        made.indices.extend(row.iter().map(|&(id, _)| id));
-        distances.extend(row.iter().map(|&(_, distance)| distance));
-        made.offsets.push(made.indices.len() as u64);
-    }
-    made.distances = question.distances.then_some(distances);
-    found.report.notes.push("rows too long for a software device were ordered on the host".into());
-    Ok(Neighbors { report: found.report, ..made })
-}
-
-fn check_host_memory<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, entries: u64) -> Result<()> {
+/// Checks that a list of so many entries fits the host.
+///
+/// # Errors
+/// `OutOfMemory`.
+pub(super) fn check_host_memory<S: GpuStructure>(
+    structure: &S,
+    question: &FixedRadius<'_>,
+    entries: u64,
+) -> Result<()> {
     if entries > rows::entry_limit(question, structure.len()) {
         return Err(rows::too_large(entries, question, structure.len()));
     }
     Ok(())
 }
 
-fn whole_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Neighbors> {
-    let accept = |entries| check_host_memory(structure, question, entries);
-    match list_on_device(structure, question, accept).and_then(|list| read_list(structure.gpu(), list, question)) {
-        Err(Error::OutOfDeviceMemory { .. }) => batched_list(structure, question),
-        listed => listed,
+/// All neighbours of every query.
+pub(super) fn whole_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Neighbors> {
+    let (mut neighbors, order) = match list_at_once(structure, question) {
+        Err(Error::OutOfDeviceMemory { .. }) => list_in_batches(structure, question)?,
+        listed => listed?,
+    };
+    if order != question.order {
+        let sort = Instant::now();
+        order_rows(&mut neighbors, question.order);
+        neighbors.report.notes.push("rows were too long for the device to sort; the host did".to_owned());
+        neighbors.report.host_stage("sort rows on the host", sort);
     }
+    neighbors.distances = neighbors.distances.filter(|_| question.distances).map(square_roots);
+    Ok(neighbors)
 }
 
-fn read_list(gpu: &Gpu, list: GpuNeighbors, question: &FixedRadius<'_>) -> Result<Neighbors> {
+/// The order that the device gives rows of at most this length: that of the question, or none where its loops would
+/// end before such rows are sorted.
+fn order_on_device<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, longest_row: u32) -> RowOrder {
+    if loops::can_sort(structure.gpu(), longest_row) { question.order } else { RowOrder::Unspecified }
+}
+
+/// Whether the host needs squared distances of rows that the device gave this order.
+fn reads_distances(question: &FixedRadius<'_>, order: RowOrder) -> bool {
+    question.distances || (question.order == RowOrder::Distance && order != question.order)
+}
+
+/// The list with squared distances where they are needed, and the order of its rows.
+fn list_at_once<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<(Neighbors, RowOrder)> {
+    let gpu = structure.gpu();
+    let mut order = question.order;
+    let list = list_on_device(structure, question, |size| {
+        check_host_memory(structure, question, size.entries)?;
+        order = order_on_device(structure, question, size.longest_row);
+        Ok(order)
+    })?;
     let mut report = list.report;
     let read = Instant::now();
     let offsets = gpu.read(&list.offsets)?.into_par_iter().map(u64::from).collect();
     let indices = gpu.read(&list.indices)?;
-    let distances = match (question.distances, &list.dist2) {
-        (true, Some(dist2)) => Some(square_roots(gpu.read(dist2)?)),
-        _ => None,
-    };
+    let dist2 = list.dist2.filter(|_| reads_distances(question, order));
+    let distances = dist2.map(|dist2| gpu.read(&dist2)).transpose()?;
     report.host_stage("read back", read);
-    Ok(Neighbors { offsets, indices, distances, cut: Vec::new(), report })
+    Ok((Neighbors { offsets, indices, distances, cut: Vec::new(), report }, order))
 }
 
-fn square_roots(mut dist2: Vec<f32>) -> Vec<f32> {
+/// Sorts rows whose distances, if any, are squared.
+fn order_rows(neighbors: &mut Neighbors, order: RowOrder) {
+    let Neighbors { offsets, indices, distances, .. } = neighbors;
+    let mut sorted: Vec<(u32, f32)> = Vec::new();
+    for row in offsets.windows(2).map(|ends| ends[0] as usize..ends[1] as usize) {
+        let ids = &mut indices[row.clone()];
+        let Some(dist2) = distances.as_mut().map(|dist2| &mut dist2[row]) else {
+            ids.sort_unstable();
+            continue;
+        };
+        sorted.clear();
+        sorted.extend(ids.iter().copied().zip(dist2.iter().copied()));
+        match order {
+            RowOrder::Distance => sorted.sort_unstable_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0))),
+            RowOrder::Index | RowOrder::Unspecified => sorted.sort_unstable_by_key(|&(id, _)| id),
+        }
+        for ((id, d2), &(sorted_id, sorted_d2)) in ids.iter_mut().zip(dist2).zip(&sorted) {
+            (*id, *d2) = (sorted_id, sorted_d2);
+        }
+    }
+}
+
+pub(super) fn square_roots(mut dist2: Vec<f32>) -> Vec<f32> {
     dist2.par_iter_mut().with_min_len(1 << 14).for_each(|d| *d = d.sqrt());
     dist2
 }
 
-/// Counts all, then fills windows of rows that fit.
-fn batched_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Neighbors> {
+/// As [`list_at_once`]: counts all, then fills windows of rows that fit.
+fn list_in_batches<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<(Neighbors, RowOrder)> {
     let gpu = structure.gpu();
     let counted = count(structure, question)?;
     let counts = counted.as_slice();
     let entries = counts.iter().map(|&c| u64::from(c)).sum();
     check_host_memory(structure, question, entries)?;
-    let mut report = report_two_passes(structure, question);
+    let order = order_on_device(structure, question, counts.iter().copied().max().unwrap_or(0));
+    let mut report = report_two_passes(structure, order);
     report.stages = counted.report.stages.iter().filter(|s| s.name != "total").cloned().collect();
     let mut neighbors = Neighbors::default();
     let per_entry = if super::on_device::needs_distances(question) { 8 } else { 4 };
@@ -119,7 +133,8 @@ fn batched_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> R
         batches += halving(window.len(), 1, |part| {
             let part = window.start + part.start..window.start + part.end;
             let n_stages = report.stages.len();
-            let filled = fill_part(structure, question, part.clone(), &counts[part], &mut neighbors, &mut report);
+            let filled =
+                fill_part(structure, question, order, (part.clone(), &counts[part]), &mut neighbors, &mut report);
             if filled.is_err() {
                 report.stages.truncate(n_stages);
             }
@@ -134,16 +149,16 @@ fn batched_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> R
         end += u64::from(c);
         end
     }));
-    neighbors.distances = question.distances.then(|| neighbors.distances.take().unwrap_or_default());
-    Ok(Neighbors { offsets, report, ..neighbors })
+    neighbors.distances = reads_distances(question, order).then(|| neighbors.distances.take().unwrap_or_default());
+    Ok((Neighbors { offsets, report, ..neighbors }, order))
 }
 
 /// Fills the rows of these queries, whose lengths are `counts`, and appends them to `neighbors`, or nothing on failure.
 fn fill_part<S: GpuStructure>(
     structure: &S,
     question: &FixedRadius<'_>,
-    window: Range<usize>,
-    counts: &[u32],
+    order: RowOrder,
+    (window, counts): (Range<usize>, &[u32]),
     neighbors: &mut Neighbors,
     report: &mut Report,
 ) -> Result<()> {
@@ -162,79 +177,15 @@ fn fill_part<S: GpuStructure>(
     let offsets = gpu.upload("row offsets", &offsets)?;
     let queries = QueryBuffers::in_caller_order(structure, question, window)?;
     let mut commands = gpu.commands("fill rows");
-    let rows = record_fill(&mut commands, structure, question, &queries, &offsets, total as usize)?;
+    let rows = record_fill(&mut commands, structure, question, order, &queries, (&offsets, total as usize))?;
     add_stages(report, &commands.run()?);
     let read = Instant::now();
     let indices = gpu.read(&rows.indices)?;
-    if let (true, Some(dist2)) = (question.distances, &rows.dist2) {
-        let distances = square_roots(gpu.read(dist2)?);
-        neighbors.distances.get_or_insert_default().extend(distances);
+    if let (true, Some(dist2)) = (reads_distances(question, order), &rows.dist2) {
+        let dist2 = gpu.read(dist2)?;
+        neighbors.distances.get_or_insert_default().extend(dist2);
     }
     neighbors.indices.extend(indices);
     report.host_stage("read back", read);
     Ok(())
-}
-
-/// The nearest `cap` neighbours of every query: rows of `cap` places on the device, packed on the host.
-fn capped_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, cap: u32) -> Result<Neighbors> {
-    let gpu = structure.gpu();
-    let mut report = visit::report(structure, "nearest-k", &["package::query::nearest_k"]);
-    // No row is longer than the points, so a larger cap needs no more places.
-    let places = cap.min(structure.len() as u32);
-    let visitor = VisitorCode {
-        source: Fill::Module("package::query::nearest_k"),
-        features: &[("by_index", false)],
-        accesses: &[Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::Uniform],
-    };
-    let mut made = Neighbors { offsets: vec![0], ..Neighbors::default() };
-    let mut distances = Vec::new();
-    in_batches(structure, question, 1, &mut report, |queries, report| {
-        let n = queries.len();
-        let ids: Buffer<u32> = gpu.buffer("nearest indices", n * places as usize)?;
-        let dist2: Buffer<f32> = gpu.buffer("nearest distances", n * places as usize)?;
-        let counts: Buffer<u32> = gpu.buffer("neighbour counts", n)?;
-        let cap_uniform = gpu.uniform("cap", &[places, 0, 0, 0])?;
-        let binds: [Bind; 4] = [(&ids).into(), (&dist2).into(), (&counts).into(), (&cap_uniform).into()];
-        let mut commands = gpu.commands("nearest neighbours");
-        commands.stage("query");
-        visit::record(&mut commands, structure, question, queries, &visitor, &binds)?;
-        add_stages(report, &commands.run()?);
-        let read = Instant::now();
-        let (ids, dist2, counts) = (gpu.read(&ids)?, gpu.read(&dist2)?, gpu.read(&counts)?);
-        let entries = counts.iter().map(|&c| u64::from(c.min(places))).sum::<u64>() + made.indices.len() as u64;
-        check_host_memory(structure, question, entries)?;
-        append_capped(&mut made, &mut distances, question, queries.first_id(), places, (&ids, &dist2, &counts));
-        report.host_stage("read back", read);
-        Ok(())
-    })?;
-    made.distances = question.distances.then(|| square_roots(distances));
-    Ok(Neighbors { report, ..made })
-}
-
-/// Appends rows of `places` places, of which each uses as many as it has neighbours.
-fn append_capped(
-    made: &mut Neighbors,
-    distances: &mut Vec<f32>,
-    question: &FixedRadius<'_>,
-    first_query: u32,
-    places: u32,
-    (ids, dist2, counts): (&[u32], &[f32], &[u32]),
-) {
-    let mut row: Vec<(u32, f32)> = Vec::new();
-    for (i, &count) in counts.iter().enumerate() {
-        let kept = count.min(places);
-        let start = i * places as usize;
-        let range = start..start + kept as usize;
-        row.clear();
-        row.extend(ids[range.clone()].iter().copied().zip(dist2[range].iter().copied()));
-        if question.order == RowOrder::Index {
-            row.sort_unstable_by_key(|&(id, _)| id);
-        }
-        made.indices.extend(row.iter().map(|&(id, _)| id));
-        distances.extend(row.iter().map(|&(_, d2)| d2));
-        made.offsets.push(made.indices.len() as u64);
-        if kept < count {
-            made.cut.push(CutRow { query: first_query + i as u32, missing: count - kept });
-        }
-    }
 }

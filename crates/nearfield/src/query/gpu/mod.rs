@@ -1,11 +1,14 @@
 //! Fixed-radius queries over any GPU structure: one kernel, filled with the structure's traversal and a visitor.
 //!
-//! `visit` runs a visitor; `answers` are count and nearest; `list` is the list with its batches; `on_device` leaves
-//! answers there; `row_masks` is the fast way to write rows; `visitor` takes a caller's own WGSL.
+//! `visit` runs a visitor; `answers` are count and nearest; `list` is the list with its batches, `capped_list` that of
+//! the nearest; `on_device` leaves answers there; `row_masks` is the fast way to write rows; `visitor` takes a caller's
+//! own WGSL; `loops` keeps answers exact on devices that end long loops.
 
 mod answers;
 mod batch;
+mod capped_list;
 mod list;
+mod loops;
 mod on_device;
 mod row_masks;
 mod visit;

@@ -1,6 +1,7 @@
 //! Answers that stay on the device.
 
 use super::answers::{COUNT, add_stages};
+use super::loops::{self, VisitorRounds};
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::gpu::shader::Fill;
 use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Workgroups};
@@ -48,6 +49,7 @@ pub(super) fn fill(distances: bool) -> VisitorCode<'static> {
         } else {
             &[Access::Read, Access::ReadWrite]
         },
+        rounds: VisitorRounds::default(),
     }
 }
 
@@ -62,14 +64,14 @@ pub(super) struct Rows {
     pub(super) dist2: Option<Buffer<f32>>,
 }
 
-/// Records filling rows whose offsets are known, and ordering them.
+/// Records filling rows whose offsets are known, and bringing them into `order`, which is the question's or none.
 pub(super) fn record_fill<S: GpuStructure>(
     commands: &mut Commands,
     structure: &S,
     question: &FixedRadius<'_>,
+    order: RowOrder,
     queries: &QueryBuffers,
-    offsets: &Buffer<u32>,
-    total: usize,
+    (offsets, total): (&Buffer<u32>, usize),
 ) -> Result<Rows> {
     let gpu = structure.gpu();
     let distances = needs_distances(question);
@@ -79,9 +81,9 @@ pub(super) fn record_fill<S: GpuStructure>(
     binds.extend(dist2.as_ref().map(Bind::from));
     commands.stage("fill");
     visit::record(commands, structure, question, queries, &fill(distances), &binds)?;
-    if let (Some(dist2), true) = (&dist2, question.order != RowOrder::Unspecified) {
+    if let (Some(dist2), true) = (&dist2, order != RowOrder::Unspecified) {
         commands.stage("sort rows");
-        let by_index = question.order == RowOrder::Index;
+        let by_index = order == RowOrder::Index;
         let n_rows = gpu.uniform("row sort parameters", &[queries.len() as u32, 0, 0, 0])?;
         let kernel = Kernel {
             visitor_bindings: &[Access::ReadWrite, Access::ReadWrite],
@@ -124,7 +126,8 @@ pub trait SearchOnDevice: GpuStructure {
     ///
     /// # Errors
     /// See [`FixedRadius::validate`]; `OutOfDeviceMemory` with the size where the list does not fit one binding;
-    /// `Unsupported` with `max_neighbors`, which only the host's list has.
+    /// `Unsupported` with `max_neighbors`, which only the host's list has, and for ordered rows on a software renderer
+    /// that are too long to be sorted there.
     fn list_on_device(&self, question: &FixedRadius<'_>) -> Result<GpuNeighbors>
     where
         Self: Sized,
@@ -136,7 +139,16 @@ pub trait SearchOnDevice: GpuStructure {
                 advice: "use `list`, or a visitor that keeps the nearest",
             });
         }
-        list_on_device(self, question, |_| Ok(()))
+        list_on_device(self, question, |size| {
+            if loops::can_sort(self.gpu(), size.longest_row) {
+                return Ok(question.order);
+            }
+            let (longest, gpu) = (size.longest_row, self.gpu().name());
+            Err(Error::Unsupported {
+                what: format!("sorting a row of {longest} neighbours on {gpu}, which ends long loops,"),
+                advice: "use `list`, which sorts on the host, leave the rows unsorted or use a smaller radius",
+            })
+        })
     }
 
     /// Neighbours of every query as rows of start and length, in no particular order: for those who need no offsets.
@@ -165,46 +177,66 @@ pub trait SearchOnDevice: GpuStructure {
 
 impl<S: GpuStructure> SearchOnDevice for S {}
 
-/// The report of a list by two passes, with the sort of its rows where they are ordered.
-pub(super) fn report_two_passes<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Report {
+/// The report of a list by two passes, with the sort of its rows where the device orders them.
+pub(super) fn report_two_passes<S: GpuStructure>(structure: &S, order: RowOrder) -> Report {
     let mut report = visit::report(structure, "two-pass", &["package::query::count", "package::query::fill"]);
-    if question.order != RowOrder::Unspecified {
+    if order != RowOrder::Unspecified {
         report.kernels.push("package::query::sort_rows".to_owned());
     }
     report
 }
 
-/// The two passes: count and scan, then fill. `accept` sees the number of entries before memory is taken for them.
+/// Size of a list that is about to be filled.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ListSize {
+    pub(super) entries: u64,
+    /// 0 where it does not matter: rows stay unordered, or the device sorts rows of any length.
+    pub(super) longest_row: u32,
+}
+
+/// The two passes: count and scan, then fill. `accept` sees the size before memory is taken for the entries, and says
+/// which order the device gives the rows: that of the question, or none.
 pub(super) fn list_on_device<S: GpuStructure>(
     structure: &S,
     question: &FixedRadius<'_>,
-    accept: impl FnOnce(u64) -> Result<()>,
+    accept: impl FnOnce(ListSize) -> Result<RowOrder>,
 ) -> Result<GpuNeighbors> {
     if let Some(ids) = super::row_masks::applies(structure, question) {
         return super::row_masks::list_on_device(structure, ids, question, accept);
     }
     let gpu = structure.gpu();
     let n = question.len(structure.len());
-    let mut report = report_two_passes(structure, question);
     let queries = QueryBuffers::in_search_order(structure, question)?;
     let counts = gpu.buffer("neighbour counts", n)?;
     let offsets = gpu.buffer("row offsets", n + 1)?;
     let sum: Buffer<u64> = gpu.buffer("number of entries", 1)?;
+    let needs_longest = gpu.limits().loop_rounds.is_some() && question.order != RowOrder::Unspecified;
+    let longest: Option<Buffer<u32>> = needs_longest.then(|| gpu.buffer("longest row", 1)).transpose()?;
     let mut commands = gpu.commands("count neighbours");
     commands.stage("count");
     visit::record(&mut commands, structure, question, &queries, &COUNT, &[(&counts).into()])?;
     commands.stage("scan");
     GpuScan::new(gpu, n)?.record(&mut commands, &counts, &offsets, n)?;
-    GpuReduce::new(gpu)?.record_sum(&mut commands, &counts, n, &sum)?;
-    add_stages(&mut report, &commands.run()?);
+    let reduce = GpuReduce::new(gpu)?;
+    reduce.record_sum(&mut commands, &counts, n, &sum)?;
+    if let Some(longest) = &longest {
+        reduce.record_largest(&mut commands, &counts, n, longest)?;
+    }
+    let times = commands.run()?;
     let total = gpu.read(&sum)?[0];
-    accept(total)?;
+    let longest_row = match longest {
+        Some(longest) => gpu.read(&longest)?[0],
+        None => 0,
+    };
+    let order = accept(ListSize { entries: total, longest_row })?;
+    let mut report = report_two_passes(structure, order);
+    add_stages(&mut report, &times);
     let available = gpu.limits().binding_bytes;
     if total * 4 > available {
         return Err(Error::OutOfDeviceMemory { what: "neighbour indices".into(), needed: total * 4, available });
     }
     let mut commands = gpu.commands("fill rows");
-    let rows = record_fill(&mut commands, structure, question, &queries, &offsets, total as usize)?;
+    let rows = record_fill(&mut commands, structure, question, order, &queries, (&offsets, total as usize))?;
     add_stages(&mut report, &commands.run()?);
     Ok(GpuNeighbors { offsets, indices: rows.indices, dist2: rows.dist2, report })
 }

@@ -4,7 +4,8 @@
 //! Masks of 32 candidates a word are an eighth of the bytes, and a team of 32 invocations writes a row's neighbours
 //! side by side. Queries with more words than the masks hold are filled by a second walk.
 
-use super::on_device::{GpuNeighborRows, GpuNeighbors};
+use super::loops::VisitorRounds;
+use super::on_device::{GpuNeighborRows, GpuNeighbors, ListSize};
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::gpu::shader::Fill;
 use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Workgroups};
@@ -27,12 +28,14 @@ const FIND: VisitorCode<'static> = VisitorCode {
     source: Fill::Module("package::query::row_masks"),
     features: &[("masks", true)],
     accesses: &[Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::Uniform],
+    rounds: VisitorRounds { each: 0, finish: 0 },
 };
 
 const FILL_OVERFLOWED: VisitorCode<'static> = VisitorCode {
     source: Fill::Module("package::query::fill_overflowed"),
     features: &[],
     accesses: &[Access::Read, Access::ReadWrite, Access::Read, Access::Uniform],
+    rounds: VisitorRounds { each: 0, finish: 0 },
 };
 
 /// The indices of the structure's points, where this question can be answered with masks: only indices, in the order
@@ -43,12 +46,13 @@ pub(super) fn applies<'a, S: GpuStructure>(structure: &'a S, question: &FixedRad
     structure.ids().filter(|_| plain && mask_bytes <= structure.gpu().limits().binding_bytes)
 }
 
-/// The list by masks, rows in query order. `accept` sees the number of entries before memory is taken for them.
+/// The list by masks, rows in query order. `accept` sees the size before memory is taken for the entries; rows have no
+/// order within.
 pub(super) fn list_on_device<S: GpuStructure>(
     structure: &S,
     ids: &Buffer<u32>,
     question: &FixedRadius<'_>,
-    accept: impl FnOnce(u64) -> Result<()>,
+    accept: impl FnOnce(ListSize) -> Result<RowOrder>,
 ) -> Result<GpuNeighbors> {
     let gpu = structure.gpu();
     let n = question.len(structure.len());
@@ -58,7 +62,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
         GpuScan::new(gpu, n)?.record(commands, counts, &offsets, n)?;
         GpuReduce::new(gpu)?.record_sum(commands, counts, n, sum)
     })?;
-    accept(total)?;
+    accept(ListSize { entries: total, longest_row: 0 })?;
     let indices = search.write_rows(ids, &offsets, total)?;
     Ok(GpuNeighbors { offsets, indices, dist2: None, report: search.report })
 }

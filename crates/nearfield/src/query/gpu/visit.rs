@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::loops::{self, Traversal, VisitorRounds};
 use crate::Result;
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, AdapterKind, Bind, Buffer, Commands, Kernel, Pipeline, Workgroups};
+use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Pipeline, Workgroups};
 use crate::query::{FixedRadius, Queries, Radius, Report};
 use crate::structure::{DevicePoint, GpuStructure, device_points};
 
@@ -38,6 +39,8 @@ pub(super) struct VisitorCode<'a> {
     pub(super) source: Fill<'a>,
     pub(super) features: &'a [(&'a str, bool)],
     pub(super) accesses: &'a [Access],
+    /// Of its own loops; those of a caller's code are the caller's concern.
+    pub(super) rounds: VisitorRounds,
 }
 
 /// Queries on the device, and their radii from that of the query with slot 0 on.
@@ -120,13 +123,12 @@ fn radii<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, window: Ran
 }
 
 /// The pipeline of the query kernel for this structure and visitor.
-pub(super) fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>) -> Result<Arc<Pipeline>> {
+fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>, traversal: Traversal) -> Result<Arc<Pipeline>> {
     let mut accesses = vec![Access::Uniform, Access::Read, Access::Read];
     accesses.extend(structure.bindings().iter().map(|(access, _)| *access));
     let mut all: Vec<(&str, bool)> =
         vec![("distances", false), ("by_index", false), ("hashed", false), ("masks", false)];
-    // llvmpipe ends the loops of an invocation after 65,535 rounds in all; see the traversals.
-    all.push(("short_loops", structure.gpu().kind() == AdapterKind::Software));
+    all.extend([("short_loops", traversal.short_loops), ("all_points", traversal.all_points)]);
     all.extend(structure.features());
     all.extend_from_slice(visitor.features);
     let fills = [
@@ -143,6 +145,9 @@ pub(super) fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>
 }
 
 /// Records one run of the query kernel over these queries.
+///
+/// # Errors
+/// `Unsupported` where the device would end the kernel's loops early; as making pipelines and buffers.
 pub(super) fn record<S: GpuStructure>(
     commands: &mut Commands,
     structure: &S,
@@ -151,7 +156,8 @@ pub(super) fn record<S: GpuStructure>(
     visitor: &VisitorCode<'_>,
     visitor_binds: &[Bind],
 ) -> Result<()> {
-    let pipeline = pipeline(structure, visitor)?;
+    let traversal = loops::traversal(structure, question, visitor.rounds)?;
+    let pipeline = pipeline(structure, visitor, traversal)?;
     let (own_radius, radius) = match question.radius {
         Radius::One(radius) => (0, radius),
         Radius::Each(_) => (1, 0.0),

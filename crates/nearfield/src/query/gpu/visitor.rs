@@ -1,6 +1,7 @@
 //! A caller's own WGSL on each neighbour: sums and minima without a list, early exit.
 
 use super::answers::add_stages;
+use super::loops::VisitorRounds;
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::Result;
 use crate::gpu::shader::Fill;
@@ -31,7 +32,8 @@ use crate::structure::GpuStructure;
 ///
 /// `Query` has `position`, `radius`, `radius2`, `id` and `slot`, the place of the query's answer, which is its index;
 /// `Neighbor` has `id`, `dist2` and `difference` (query minus neighbour, to the nearest image).
-/// Bindings are `@group(1)`, numbered from 0. The module is compiled with run-time checks.
+/// Bindings are `@group(1)`, numbered from 0. The module is compiled with run-time checks. Software renderers end the
+/// loops of an invocation after some 65,000 rounds in all, without a word: there, avoid loops in `visit`.
 #[derive(Debug, Clone, Copy)]
 pub struct Visitor<'a> {
     /// The module.
@@ -55,7 +57,12 @@ pub trait ForEachOnDevice: GpuStructure {
         question.validate(self.len())?;
         let accesses: Vec<Access> = visitor.bindings.iter().map(|(access, _)| *access).collect();
         let binds: Vec<Bind> = visitor.bindings.iter().map(|(_, bind)| bind.clone()).collect();
-        let code = VisitorCode { source: Fill::Caller(visitor.source), features: &[], accesses: &accesses };
+        let code = VisitorCode {
+            source: Fill::Caller(visitor.source),
+            features: &[],
+            accesses: &accesses,
+            rounds: VisitorRounds::default(),
+        };
         let queries = QueryBuffers::in_search_order(self, question)?;
         let mut report = visit::report(self, "thread-a-query", &["the caller's visitor"]);
         let mut commands = self.gpu().commands("run a visitor");

@@ -5,14 +5,11 @@ use std::time::Instant;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use crate::geometry::{Period, validate};
-use crate::gpu::{Access, AdapterKind, Bind, Buffer, Gpu};
-use crate::structure::on_gpu::{DevicePoint, GpuStructure, device_points};
+use crate::Result;
+use crate::geometry::{Aabb, Period, validate};
+use crate::gpu::{Access, Bind, Buffer, Gpu};
+use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
 use crate::structure::{BruteForce, BuildStage, CpuStructure};
-use crate::{Error, Result};
-
-/// 16 points a round, and 65,535 rounds after which a software device ends the loop.
-const MOST_POINTS_ON_SOFTWARE: usize = 1_000_000;
 
 /// `Layout` in traverse.wesl, byte for byte.
 #[repr(C)]
@@ -54,14 +51,6 @@ impl GpuBruteForce {
     /// As [`GpuBruteForce::build`].
     pub fn build_periodic(gpu: &Gpu, points: &[Vec3], period: Period) -> Result<Self> {
         validate::points(points)?;
-        if gpu.kind() == AdapterKind::Software && points.len() > MOST_POINTS_ON_SOFTWARE {
-            return Err(Error::TooMany {
-                what: "points for brute force on a software device",
-                found: points.len() as u64,
-                limit: MOST_POINTS_ON_SOFTWARE as u64,
-                advice: "use the uniform grid or the CPU: such devices end a loop after 65,535 rounds",
-            });
-        }
         let start = Instant::now();
         let layout = BruteForceLayout {
             period: period.lengths().to_array(),
@@ -94,6 +83,10 @@ impl GpuStructure for GpuBruteForce {
 
     fn traverse_module(&self) -> &'static str {
         "package::structure::brute_force::traverse"
+    }
+
+    fn most_effort(&self, _: f32, _: Option<&Aabb>) -> Result<Effort> {
+        Ok(Effort { candidates: self.len() as u64, rounds: 0 })
     }
 
     fn features(&self) -> Vec<(&'static str, bool)> {

@@ -5,13 +5,14 @@ use std::time::Instant;
 
 use glam::Vec3;
 
+use super::effort::Balls;
 use super::{GridLayout, GridSettings};
 use crate::Result;
 use crate::geometry::{Aabb, Period, validate};
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
 use crate::parallel::radix_sort::GpuRadixSort;
 use crate::parallel::scan::GpuScan;
-use crate::structure::on_gpu::{DevicePoint, GpuStructure, device_points};
+use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
 use crate::structure::{BuildStage, CpuStructure, UniformGrid};
 
 /// Invocations of a workgroup of the build kernels.
@@ -216,6 +217,11 @@ impl GpuStructure for GpuUniformGrid {
 
     fn traverse_module(&self) -> &'static str {
         "package::structure::uniform_grid::traverse"
+    }
+
+    fn most_effort(&self, radius: f32, queries: Option<&Aabb>) -> Result<Effort> {
+        let in_step = self.gpu.limits().subgroup.map_or(super::effort::MOST_IN_STEP, |(_, largest)| largest);
+        Ok(super::effort::most(&self.layout, &self.gpu.read(&self.starts)?, &Balls { radius, queries }, in_step))
     }
 
     fn features(&self) -> Vec<(&'static str, bool)> {

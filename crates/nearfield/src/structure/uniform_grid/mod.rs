@@ -21,6 +21,8 @@
 
 mod cpu;
 #[cfg(feature = "gpu")]
+mod effort;
+#[cfg(feature = "gpu")]
 mod gpu;
 mod layout;
 mod settings;
