@@ -300,9 +300,11 @@ fn near_enough(problem: &Problem<'_>, query: u32, point: u32, distance: f64) -> 
     4.0 * ulp(distance as f32) + flushed + problem.wrap_rounding(query, point)
 }
 
-/// Whether two points are equally far under any rounding: the same differences by axis, up to the sign.
+/// Whether two points are equally far under any rounding: the same differences by axis, up to the sign, of which none
+/// is a wrap that a device may fuse.
 fn certain_tie(problem: &Problem<'_>, query: u32, a: u32, b: u32) -> bool {
     let to =
         |i: u32| difference(problem.queries[query as usize], problem.points[i as usize], problem.period).map(f32::abs);
-    to(a) == to(b)
+    let is_fused = |i: u32| problem.wrap_rounding(query, i) > 0.0;
+    to(a) == to(b) && !is_fused(a) && !is_fused(b)
 }

@@ -114,7 +114,8 @@ pub(crate) fn ulp(x: f32) -> f64 {
     f64::from(x.abs().next_up()) - f64::from(x.abs())
 }
 
-/// Lengths whose square a device may flush to zero: below the root of the smallest normal number.
+/// How far a device may be off where it flushes small squares to zero: by the root of the smallest normal number on
+/// each axis.
 fn flushed(radius: f32) -> f64 {
-    if radius < 4e-19 { 1.1e-19 } else { 0.0 }
+    if radius < 4e-19 { 1.9e-19 } else { 0.0 }
 }
