@@ -15,6 +15,7 @@
 //! The modules follow one direction: `io` → `geometry` → `structure` → `query`, with the services `parallel` and `gpu`.
 //! The ball is closed everywhere: a neighbour has d² ≤ r².
 
+pub mod curve;
 pub mod error;
 pub mod geometry;
 #[cfg(feature = "gpu")]
@@ -25,6 +26,7 @@ pub mod parallel;
 pub mod query;
 pub mod structure;
 
+pub use curve::{Curve, Domain, Octant};
 pub use error::{Error, Result};
 pub use geometry::{Aabb, PointCloud, Ray, Sphere, TriMesh, Triangle};
 pub use glam::{DVec3, Vec3};

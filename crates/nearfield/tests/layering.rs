@@ -17,7 +17,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("gpu", &["error"]),
     // A reduction gives a bounding box: parallel knows the values of geometry, nothing above them.
     ("parallel", &["error", "geometry", "gpu"]),
-    ("curve", &["error", "geometry"]),
+    ("curve", &["error", "geometry", "gpu", "parallel"]),
     ("structure", &["error", "geometry", "gpu", "parallel", "curve"]),
     ("query", &["error", "geometry", "gpu", "parallel", "curve", "structure"]),
     ("application", &["error", "geometry", "io", "gpu", "parallel", "curve", "structure", "query"]),
