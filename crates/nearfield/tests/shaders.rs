@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
 use std::sync::OnceLock;
 
+use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
 use nearfield::query::Batch;
 use nearfield::structure::brute_force::BruteForceLayout;
-use nearfield::structure::uniform_grid::{GridLayout, LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
+use nearfield::structure::uniform_grid::GridLayout;
 
 /// Module paths that kernels fill: with a structure's traversal, and with a visitor.
 const TRAVERSAL: &str = "package::structure::selected";

@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::{Curve, MAX_LEVEL};
 use crate::geometry::Aabb;
@@ -75,6 +76,18 @@ impl Domain {
         offset.cmpge(Vec3::ZERO).all() && offset.cmple(Vec3::splat(self.edge)).all()
     }
 
+    /// Checks that all points lie in the closed cube. `what` names them in the error.
+    ///
+    /// # Errors
+    /// `OutsideDomain` with their number and the first index.
+    pub fn check_contains(&self, what: &'static str, points: &[Vec3]) -> Result<()> {
+        let Some(first) = points.par_iter().with_min_len(1 << 14).position_first(|&p| !self.contains(p)) else {
+            return Ok(());
+        };
+        let count = points[first..].par_iter().filter(|&&p| !self.contains(p)).count() as u64;
+        Err(Error::OutsideDomain { what, count, first: first as u64 })
+    }
+
     /// The cell of a point at [`MAX_LEVEL`]; points outside count to the border.
     #[inline(always)]
     pub fn cell_of(&self, point: Vec3) -> [u32; 3] {
@@ -82,6 +95,12 @@ impl Domain {
         let scaled = (point - self.origin()) * self.scale;
         // The conversion rounds towards zero, which is down here.
         scaled.clamp(Vec3::ZERO, Vec3::splat(last)).to_array().map(|v| v as u32)
+    }
+
+    /// The cell at [`MAX_LEVEL`] of a coordinate this far from the origin; outside coordinates count to the border.
+    #[inline(always)]
+    pub(crate) fn cell_at(&self, offset: f32) -> u32 {
+        (offset * self.scale).clamp(0.0, ((1u32 << MAX_LEVEL) - 1) as f32) as u32
     }
 
     /// The 63-bit key of a point.

@@ -5,6 +5,17 @@
 
 use glam::Vec3;
 
+/// Part of the radius added before cells are chosen. A point with d² ≤ r² in f32 lies within r·(1 + 2⁻²²) on each
+/// axis, whatever the compiler fuses.
+pub const RADIUS_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
+/// Length added before cells are chosen: differences below it have a square that a device may flush to zero.
+pub const LENGTH_SLACK: f32 = 2e-19;
+/// Part of the period added on a periodic axis, for the rounding of the wrap.
+pub const PERIOD_SLACK: f32 = 1.0 / (1 << 20) as f32;
+/// Part of the distances of query and points from the origin added on a periodic axis: differences of points many
+/// periods apart are rounded before they are wrapped (six roundings of 2⁻²⁴ at most).
+pub const WRAP_SLACK: f32 = 1.0 / (1 << 21) as f32;
+
 /// Squared length of `v`.
 #[inline(always)]
 pub fn norm2(v: Vec3) -> f32 {

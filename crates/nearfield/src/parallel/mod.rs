@@ -18,6 +18,6 @@ pub mod scan;
 mod tile;
 
 /// Length of chunks that give every thread of the pool about two, but at least `smallest`.
-fn chunk_len(len: usize, smallest: usize) -> usize {
+pub(crate) fn chunk_len(len: usize, smallest: usize) -> usize {
     len.div_ceil(2 * rayon::current_num_threads()).max(smallest).max(1)
 }

@@ -1,8 +1,8 @@
 //! How much a traversal of the grid on a device can have to do: bounds for devices that end long loops.
 
 use super::GridLayout;
-use super::layout::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use crate::geometry::Aabb;
+use crate::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use crate::structure::Effort;
 
 /// Invocations that may run in step on a device that does not say how many do.

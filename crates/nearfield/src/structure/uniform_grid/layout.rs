@@ -7,22 +7,12 @@ use glam::Vec3;
 
 use super::GridSettings;
 use crate::geometry::Aabb;
+use crate::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 
 /// Most cells on one axis: every cell number is exact in f32.
 const MAX_CELLS: f32 = (1 << 24) as f32;
 /// A dense table has at most this many entries a point.
 const DENSE_ENTRIES_PER_POINT: u64 = 8;
-/// Part of the radius added before cells are chosen. A point with d² ≤ r² in f32 lies within r·(1 + 2⁻²²) on each
-/// axis, whatever the compiler fuses.
-pub const RADIUS_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
-/// Length added before cells are chosen: differences below it have a square that a device may flush to zero.
-pub const LENGTH_SLACK: f32 = 2e-19;
-/// Part of the period added on a periodic axis, for the rounding of the wrap.
-pub const PERIOD_SLACK: f32 = 1.0 / (1 << 20) as f32;
-/// Part of the distances of query and points from the origin added on a periodic axis: differences of points many
-/// periods apart are rounded before they are wrapped (six roundings of 2⁻²⁴ at most).
-pub const WRAP_SLACK: f32 = 1.0 / (1 << 21) as f32;
-
 /// Geometry of a grid, in the bytes of the kernels' uniform.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]

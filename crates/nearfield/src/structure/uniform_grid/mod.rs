@@ -33,5 +33,4 @@ pub use cpu::UniformGrid;
 pub use gpu::{GpuUniformGrid, GridBuilder};
 pub use layout::GridLayout;
 #[doc(hidden)]
-pub use layout::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 pub use settings::GridSettings;

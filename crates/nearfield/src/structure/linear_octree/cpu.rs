@@ -1,0 +1,220 @@
+//! The linear octree on the CPU.
+
+use std::ops::Range;
+use std::time::Instant;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::build::{self, CurveKey, Nodes};
+use super::layout::{NONE, OctreeNode};
+use super::region::OctreeLayout;
+use super::settings::{NARROW_LEVELS, OctreeSettings};
+use crate::Result;
+use crate::curve::{Curve, Domain, MAX_LEVEL};
+use crate::geometry::{Aabb, OrderedPoints, Period};
+use crate::parallel::{radix_sort, reduce};
+use crate::structure::{BuildStage, CpuStructure, Packed};
+
+/// Most points of a pack: enough to share the look-up of spans, few enough to keep the pack's box small.
+const PACK: usize = 64;
+
+/// Points along a curve and the octree over them, on the CPU.
+#[derive(Debug, Clone)]
+pub struct LinearOctree {
+    pub(super) settings: OctreeSettings,
+    pub(super) layout: OctreeLayout,
+    pub(super) points: OrderedPoints,
+    pub(super) sorted_levels: u32,
+    pub(super) nodes: Nodes,
+    pub(super) packs: Vec<u32>,
+    stages: Vec<BuildStage>,
+}
+
+impl LinearOctree {
+    /// Sorts the points along the curve and cuts the octants.
+    ///
+    /// Without points there are no nodes.
+    ///
+    /// # Errors
+    /// `NonFinite`, `CoordinateTooLarge`, `TooMany` (2³² − 1 points or more), `OutsideDomain`, `InvalidSetting`,
+    /// `OutOfMemory`.
+    pub fn build(points: &[Vec3], settings: &OctreeSettings) -> Result<Self> {
+        let mut stages = Vec::new();
+        let mut clock = Instant::now();
+        let mut stage = |name| {
+            let milliseconds = clock.elapsed().as_secs_f64() * 1e3;
+            stages.push(BuildStage { name, milliseconds, on_device: false });
+            clock = Instant::now();
+        };
+        settings.validate()?;
+        let domain = settings.domain_of(points)?;
+        stage("bounds");
+        let sorted = Sorted::new(points, &domain, settings)?;
+        stage("sort");
+        let (nodes, sorted_levels) = match &sorted.keys {
+            Keys::Narrow(keys) => (linked(keys, settings, sorted.levels), sorted.levels),
+            Keys::Wide(keys) => (linked(keys, settings, sorted.levels), sorted.levels),
+        };
+        stage("nodes");
+        let ordered = OrderedPoints::gather(points, &sorted.order);
+        stage("gather");
+        let bounds = if settings.period.is_periodic() { reduce::bounds(points) } else { Aabb::EMPTY };
+        let layout = OctreeLayout::new(domain, settings.period, &bounds, [points.len(), nodes.nodes.len()]);
+        let packs = packs(&nodes.nodes, points.len());
+        stage("packs");
+        Ok(Self { settings: *settings, layout, points: ordered, sorted_levels, nodes, packs, stages })
+    }
+
+    /// The settings it was built with.
+    pub fn settings(&self) -> &OctreeSettings {
+        &self.settings
+    }
+
+    /// The curve of points and octants.
+    pub fn curve(&self) -> Curve {
+        self.settings.curve
+    }
+
+    /// The cube that was cut.
+    pub fn domain(&self) -> &Domain {
+        &self.layout.domain
+    }
+
+    /// `[n_nodes]` the nodes in breadth-first order, each level along the curve.
+    pub fn nodes(&self) -> &[OctreeNode] {
+        &self.nodes.nodes
+    }
+
+    /// `[n]` the points along the curve.
+    pub fn ordered_points(&self) -> &OrderedPoints {
+        &self.points
+    }
+
+    /// Levels of the keys that points are sorted by; ties by index.
+    pub fn sorted_levels(&self) -> u32 {
+        self.sorted_levels
+    }
+}
+
+fn linked<K: CurveKey>(keys: &[K], settings: &OctreeSettings, depth: u32) -> Nodes {
+    let heads = build::leaf_heads(keys, settings.leaf_capacity as usize, depth.min(settings.max_level));
+    build::link(keys, &heads, settings.curve)
+}
+
+/// Keys in ascending order.
+enum Keys {
+    Narrow(Vec<u32>),
+    Wide(Vec<u64>),
+}
+
+/// Points sorted along a curve, as deep as the tree needs.
+struct Sorted {
+    keys: Keys,
+    /// The points' indices in that order, ties by index.
+    order: Vec<u32>,
+    /// Levels of the keys that count.
+    levels: u32,
+}
+
+impl Sorted {
+    /// By 30 bits where the leaves end within ten levels, which costs half the sort; else by all that are needed.
+    fn new(points: &[Vec3], domain: &Domain, settings: &OctreeSettings) -> Result<Self> {
+        let levels = settings.few_levels();
+        let unused = 3 * (NARROW_LEVELS - levels);
+        let mut keys: Vec<u32> = keys_of(points, domain, settings.curve, |key| (key >> 33) as u32 >> unused << unused);
+        let mut order: Vec<u32> = (0..points.len() as u32).collect();
+        radix_sort::sort_pairs(&mut keys, &mut order, unused..3 * NARROW_LEVELS)?;
+        let enough =
+            levels == settings.max_level || !build::is_overfull(&keys, settings.leaf_capacity as usize, NARROW_LEVELS);
+        if enough {
+            return Ok(Self { keys: Keys::Narrow(keys), order, levels });
+        }
+        let levels = settings.max_level;
+        let unused = 3 * (MAX_LEVEL - levels);
+        let mut keys: Vec<u64> = keys_of(points, domain, settings.curve, |key| key >> unused << unused);
+        let mut order: Vec<u32> = (0..points.len() as u32).collect();
+        TEMP(&mut keys, &mut order);
+        Ok(Self { keys: Keys::Wide(keys), order, levels })
+    }
+}
+
+fn keys_of<K: Send>(points: &[Vec3], domain: &Domain, curve: Curve, cut: impl Fn(u64) -> K + Sync) -> Vec<K> {
+    points.par_iter().with_min_len(1 << 12).map(|&point| cut(domain.key_of(curve, point))).collect()
+}
+
+/// Packs of at most [`PACK`] points: the largest octants that are small enough, large leaves in parts.
+fn packs(nodes: &[OctreeNode], n: usize) -> Vec<u32> {
+    let mut packs = Vec::with_capacity(n / (PACK / 4) + 1);
+    let mut node = if nodes.is_empty() { NONE } else { 0 };
+    while let Some(current) = nodes.get(node as usize) {
+        let fits = current.n_points() as usize <= PACK;
+        if fits || current.is_leaf() {
+            packs.extend(current.points().step_by(PACK).map(|place| place as u32));
+        }
+        node = if fits || current.is_leaf() { current.rope } else { current.first_child };
+    }
+    packs.push(n as u32);
+    packs
+}
+
+impl CpuStructure for LinearOctree {
+    const NAME: &'static str = "linear-octree";
+    const SEARCH: &'static str = "octants";
+
+    fn points(&self) -> &OrderedPoints {
+        &self.points
+    }
+
+    fn period(&self) -> Period {
+        self.settings.period
+    }
+
+    fn packs(&self) -> &[u32] {
+        &self.packs
+    }
+
+    /// Along the same curve, cut where the octants of the points' packs would be.
+    fn pack_queries(&self, queries: &[Vec3]) -> Result<Packed> {
+        let mut keys: Vec<u32> = keys_of(queries, self.domain(), self.curve(), |key| (key >> 33) as u32);
+        let mut order: Vec<u32> = (0..queries.len() as u32).collect();
+        radix_sort::sort_pairs(&mut keys, &mut order, 0..3 * NARROW_LEVELS)?;
+        // Eight times fewer cells than packs of the points, if those were spread evenly.
+        let level = (self.packs.len() as u32).max(1).ilog2().div_ceil(3).min(NARROW_LEVELS);
+        let mut packs: Vec<u32> = Vec::new();
+        for place in 0..keys.len() {
+            let starts = packs.last().is_none_or(|&first| {
+                let first = first as usize;
+                place - first >= PACK || keys[first].common_levels(keys[place]) < level
+            });
+            if starts {
+                packs.push(place as u32);
+            }
+        }
+        packs.push(queries.len() as u32);
+        Ok(Packed { order, packs })
+    }
+
+    fn spans_near(&self, region: &Aabb, radius: f32, spans: &mut Vec<Range<usize>>) {
+        let region = self.layout.region_near(region, radius);
+        self.spans_in(&region, spans);
+    }
+
+    fn build_stages(&self) -> &[BuildStage] {
+        &self.stages
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        let words = self.nodes.pre_order.len() + self.nodes.post_order.len() + self.nodes.level_starts.len();
+        let nodes = size_of_val(&self.nodes.nodes[..]) + 4 * (words + self.packs.len());
+        self.points.memory_bytes() + nodes as u64
+    }
+}
+
+#[allow(non_snake_case)]
+fn TEMP(keys: &mut Vec<u64>, order: &mut Vec<u32>) {
+    let mut pairs: Vec<_> = keys.iter().copied().zip(order.iter().copied()).collect();
+    pairs.par_sort();
+    *keys = pairs.iter().map(|p| p.0).collect();
+    *order = pairs.iter().map(|p| p.1).collect();
+}

@@ -1,0 +1,142 @@
+//! Walks over the nodes: by level, in pre-order, in post-order, down to a place, and over those that a region touches.
+
+use std::ops::Range;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::LinearOctree;
+use super::layout::{NONE, OctreeNode};
+use super::region::CellRegion;
+use crate::curve::{MAX_LEVEL, Octant};
+
+impl LinearOctree {
+    /// Number of levels: one more than the depth; 0 without points.
+    pub fn n_levels(&self) -> usize {
+        self.nodes.level_starts.len() - 1
+    }
+
+    /// The nodes of a level, along the curve; none below the deepest one.
+    pub fn level(&self, level: u32) -> Range<usize> {
+        let starts = &self.nodes.level_starts;
+        match (starts.get(level as usize), starts.get(level as usize + 1)) {
+            (Some(&first), Some(&end)) => first as usize..end as usize,
+            _ => self.nodes().len()..self.nodes().len(),
+        }
+    }
+
+    /// `[n_nodes]` number of each node in pre-order: parents before children.
+    pub fn pre_order(&self) -> &[u32] {
+        &self.nodes.pre_order
+    }
+
+    /// `[n_nodes]` number of each node in post-order: children before parents.
+    pub fn post_order(&self) -> &[u32] {
+        &self.nodes.post_order
+    }
+
+    /// The nodes in pre-order `[n_nodes]`.
+    pub fn in_pre_order(&self) -> Vec<u32> {
+        inverse(&self.nodes.pre_order)
+    }
+
+    /// The nodes in post-order `[n_nodes]`: what gathers from the leaves up may take them in this order.
+    pub fn in_post_order(&self) -> Vec<u32> {
+        inverse(&self.nodes.post_order)
+    }
+
+    /// The leaves along the curve.
+    pub fn leaves(&self) -> impl Iterator<Item = u32> + '_ {
+        let nodes = self.nodes();
+        let mut node = if nodes.is_empty() { NONE } else { 0 };
+        std::iter::from_fn(move || {
+            while !nodes.get(node as usize)?.is_leaf() {
+                node = nodes[node as usize].first_child;
+            }
+            let leaf = node;
+            node = nodes[leaf as usize].rope;
+            Some(leaf)
+        })
+    }
+
+    /// The node of an octant; `None` where the tree has none.
+    pub fn node_of(&self, octant: Octant) -> Option<u32> {
+        let deepest = self.deepest_around(octant)?;
+        (self.nodes()[deepest as usize].octant == octant).then_some(deepest)
+    }
+
+    /// The smallest node that contains the octant; `None` without points.
+    pub fn deepest_around(&self, octant: Octant) -> Option<u32> {
+        if self.nodes().is_empty() {
+            return None;
+        }
+        Some(self.descend(octant.first_key(), octant.level()))
+    }
+
+    /// The smallest node whose octant holds the point: a leaf, or the inner node whose child there has no points.
+    /// `None` for points outside the domain or not finite, and without points.
+    ///
+    /// Source: Ajmera2008, "location of the cell containing the queried point".
+    pub fn locate_at(&self, point: Vec3) -> Option<u32> {
+        if self.nodes().is_empty() || !self.domain().contains(point) {
+            return None;
+        }
+        Some(self.descend(self.domain().key_of(self.curve(), point), MAX_LEVEL))
+    }
+
+    /// As [`LinearOctree::locate_at`] for many points, [`NONE`] for no node.
+    pub fn locate(&self, points: &[Vec3]) -> Vec<u32> {
+        points.par_iter().with_min_len(1 << 10).map(|&point| self.locate_at(point).unwrap_or(NONE)).collect()
+    }
+
+    /// From the root to the smallest node on the way to a key.
+    fn descend(&self, key: u64, most_levels: u32) -> u32 {
+        let nodes = self.nodes();
+        let mut node = 0;
+        for level in 0..most_levels {
+            let index = (key >> (3 * (MAX_LEVEL - 1 - level)) & 7) as u32;
+            match nodes[node as usize].child(index) {
+                Some(child) => node = child,
+                None => break,
+            }
+        }
+        node
+    }
+
+    /// Appends the spans of points in the nodes that the region touches; touching spans become one.
+    pub(super) fn spans_in(&self, region: &CellRegion, spans: &mut Vec<Range<usize>>) {
+        self.nodes_in(region, |node| {
+            let points = node.points();
+            match spans.last_mut() {
+                Some(last) if last.end == points.start => last.end = points.end,
+                _ => spans.push(points),
+            }
+        });
+    }
+
+    /// Calls `visit` with nodes that together hold all points in the cells of the region, along the curve: the largest
+    /// ones that lie inside, and the leaves that lie partly inside.
+    pub(super) fn nodes_in(&self, region: &CellRegion, mut visit: impl FnMut(&OctreeNode)) {
+        let nodes = self.nodes();
+        let mut next = if nodes.is_empty() { NONE } else { 0 };
+        while let Some(node) = nodes.get(next as usize) {
+            next = node.rope;
+            if region.overlaps(node) {
+                if node.is_leaf() || region.contains(node) {
+                    visit(node);
+                } else {
+                    next = node.first_child;
+                }
+            }
+        }
+    }
+}
+
+/// The inverse of a permutation.
+fn inverse(numbers: &[u32]) -> Vec<u32> {
+    let mut inverse = vec![0; numbers.len()];
+    for (i, &number) in numbers.iter().enumerate() {
+        inverse[number as usize] = i as u32;
+    }
+    inverse
+}
