@@ -134,7 +134,7 @@ impl Sorted {
         let unused = 3 * (MAX_LEVEL - levels);
         let mut keys: Vec<u64> = keys_of(points, domain, settings.curve, |key| key >> unused << unused);
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
-        TEMP(&mut keys, &mut order);
+        radix_sort::sort_pairs(&mut keys, &mut order, unused..3 * MAX_LEVEL)?;
         Ok(Self { keys: Keys::Wide(keys), order, levels })
     }
 }
@@ -209,12 +209,4 @@ impl CpuStructure for LinearOctree {
         let nodes = size_of_val(&self.nodes.nodes[..]) + 4 * (words + self.packs.len());
         self.points.memory_bytes() + nodes as u64
     }
-}
-
-#[allow(non_snake_case)]
-fn TEMP(keys: &mut Vec<u64>, order: &mut Vec<u32>) {
-    let mut pairs: Vec<_> = keys.iter().copied().zip(order.iter().copied()).collect();
-    pairs.par_sort();
-    *keys = pairs.iter().map(|p| p.0).collect();
-    *order = pairs.iter().map(|p| p.1).collect();
 }
