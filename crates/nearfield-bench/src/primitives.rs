@@ -98,7 +98,7 @@ fn time_reductions(gpu: &Gpu, n: usize) -> Result<()> {
     Ok(())
 }
 
-fn time_sort(gpu: &Gpu, plan: &GpuRadixSort, n: usize, bits: std::ops::Range<u32>) -> Result<()> {
+fn time_sort(gpu: &Gpu, plan: &GpuRadixSort<u32>, n: usize, bits: std::ops::Range<u32>) -> Result<()> {
     let (mut keys, mut values) = (words(n), (0..n as u32).map(|i| i ^ 0x5555).collect::<Vec<_>>());
     let source = [gpu.upload("keys", &keys)?, gpu.upload("values", &values)?];
     let sorted = [gpu.buffer("sorted keys", n)?, gpu.buffer("sorted values", n)?];

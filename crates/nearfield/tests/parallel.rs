@@ -2,11 +2,15 @@
 
 mod support;
 
+use std::fmt::Display;
+use std::ops::Range;
+use std::slice;
+
 use libtest_mimic::{Arguments, Trial};
 use nearfield::gpu::{Buffer, DeviceElement, Gpu};
 use nearfield::parallel::compact::{self, GpuCompact};
 use nearfield::parallel::histogram::{self, GpuHistogram};
-use nearfield::parallel::radix_sort::{self, GpuRadixSort, RankMethod};
+use nearfield::parallel::radix_sort::{self, GpuRadixSort, RankMethod, SortKey};
 use nearfield::parallel::reduce::{self, GpuBounds, GpuReduce};
 use nearfield::parallel::scan::{self, GpuScan};
 use nearfield::{Aabb, Error, Vec3};
@@ -35,22 +39,21 @@ fn random_words(n: usize, seed: u64) -> Vec<u32> {
 }
 
 fn poisoned<T: DeviceElement>(gpu: &Gpu, len: usize) -> Buffer<T> {
-    let words = vec![POISON; len * size_of::<T>() / 4];
-    gpu.upload("poisoned output", bytes_as(&words)).unwrap()
+    gpu.upload("poisoned output", &poison(len)).unwrap()
 }
 
-fn bytes_as<T: DeviceElement>(words: &[u32]) -> &[T] {
-    bytemuck::cast_slice(words)
+fn poison<T: DeviceElement>(len: usize) -> Vec<T> {
+    bytemuck::pod_collect_to_vec(&vec![POISON; len * size_of::<T>() / 4])
 }
 
 /// Fails with the first place where the two differ.
-fn assert_same(found: &[u32], expected: &[u32], case: &str) {
+fn assert_same<T: PartialEq + Display>(found: &[T], expected: &[T], case: &str) {
     if let Some(difference) = first_difference(found, expected) {
         panic!("{case}: {difference}");
     }
 }
 
-fn first_difference(found: &[u32], expected: &[u32]) -> Option<String> {
+fn first_difference<T: PartialEq + Display>(found: &[T], expected: &[T]) -> Option<String> {
     if found.len() != expected.len() {
         return Some(format!("{} elements, expected {}", found.len(), expected.len()));
     }
@@ -143,42 +146,109 @@ fn gpu_scan_refuses_what_does_not_fit(gpu: &Gpu) {
 
 // ---- radix sort ----
 
-/// Keys made of their number.
-type KeyPattern = fn(usize) -> Vec<u32>;
+/// What the tests need of a key.
+trait TestKey: SortKey + std::fmt::Display {
+    /// Bits in use, from a word with all of them.
+    fn of_bits(bits: u64) -> Self;
+    fn bit(self, bit: u32) -> u64;
+}
 
-const KEY_PATTERNS: [(&str, KeyPattern); 7] = [
-    ("random", |n| random_words(n, SEED)),
-    ("few distinct", |n| random_words(n, SEED).into_iter().map(|k| [7, 7 << 13, u32::MAX][k as usize % 3]).collect()),
-    ("sorted", |n| (0..n as u32).map(|i| i * 40_000).collect()),
-    ("reversed", |n| (0..n as u32).rev().map(|i| i * 17).collect()),
-    ("all equal", |n| vec![0x8040_2010; n]),
-    ("all largest", |n| vec![u32::MAX; n]),
-    ("one constant digit", |n| random_words(n, SEED).into_iter().map(|k| k & 0xff00_ffff | 0x0055_0000).collect()),
+impl TestKey for u32 {
+    fn of_bits(bits: u64) -> Self {
+        (bits >> 32) as u32
+    }
+
+    fn bit(self, bit: u32) -> u64 {
+        u64::from(self >> bit & 1)
+    }
+}
+
+impl TestKey for u64 {
+    fn of_bits(bits: u64) -> Self {
+        bits
+    }
+
+    fn bit(self, bit: u32) -> u64 {
+        self >> bit & 1
+    }
+}
+
+/// Keys made of their number; `u32` keys take the upper half.
+type KeyPattern = fn(usize) -> Vec<u64>;
+
+fn random_bits(n: usize) -> Vec<u64> {
+    let mut random = Random(SEED);
+    (0..n).map(|_| random.bits()).collect()
+}
+
+const KEY_PATTERNS: [(&str, KeyPattern); 10] = [
+    ("random", random_bits),
+    ("few distinct", |n| {
+        random_bits(n).into_iter().map(|k| [7 << 32 | 9, 7 << 45, u64::MAX][k as usize % 3]).collect()
+    }),
+    ("sorted", |n| (0..n as u64).map(|i| (i * 40_000) << 32 | i).collect()),
+    ("reversed", |n| (0..n as u64).rev().map(|i| (i * 17) << 32 | i).collect()),
+    ("all equal", |n| vec![0x8040_2010_0804_0201; n]),
+    ("all largest", |n| vec![u64::MAX; n]),
+    ("one constant digit", |n| random_bits(n).into_iter().map(|k| k & !(0xff << 48) | 0x55 << 48).collect()),
+    // One varying digit of 8 bits: an odd number of passes with an even number of digits.
+    ("one varying digit", |n| random_bits(n).into_iter().map(|k| k & 0xff << 40 | 0x1234 << 48).collect()),
+    ("two varying digits", |n| random_bits(n).into_iter().map(|k| k & 0xff00_ff00_0000_0000).collect()),
+    ("a constant low half", |n| random_bits(n).into_iter().map(|k| k & !0xffff_0000_ffff | 5 << 32).collect()),
 ];
-const BIT_RANGES: [std::ops::Range<u32>; 8] = [0..32, 0..8, 0..17, 3..4, 5..27, 8..8, 24..32, 31..32];
+
+/// Ranges of bits; those of wider keys are left out for `u32`. Some cross the border between the words of a `u64`.
+const BIT_RANGES: [Range<u32>; 17] = [
+    0..32,
+    0..8,
+    0..17,
+    3..4,
+    5..27,
+    8..8,
+    24..32,
+    31..32,
+    0..30,
+    0..64,
+    5..37,
+    30..34,
+    31..33,
+    32..40,
+    33..64,
+    63..64,
+    64..64,
+];
+
+fn bit_ranges<K: TestKey>() -> Vec<Range<u32>> {
+    BIT_RANGES.into_iter().filter(|bits| bits.end <= K::BITS).collect()
+}
+
+fn keys_of<K: TestKey>(pattern: KeyPattern, n: usize) -> Vec<K> {
+    pattern(n).into_iter().map(K::of_bits).collect()
+}
 
 /// Equal keys tell their former order by these values.
 fn values_of(n: usize) -> Vec<u32> {
     (0..n as u32).map(|i| i ^ 0x5000_0000).collect()
 }
 
-fn sorted_by_loop(keys: &[u32], values: &[u32], bits: &std::ops::Range<u32>) -> (Vec<u32>, Vec<u32>) {
-    let mut pairs: Vec<(u32, u32)> = keys.iter().copied().zip(values.iter().copied()).collect();
-    let digits = |key: u32| (bits.start..bits.end).fold(0u32, |d, bit| d | (key >> bit & 1) << (bit - bits.start));
-    pairs.sort_by_key(|pair| digits(pair.0));
+fn sorted_by_loop<K: TestKey>(keys: &[K], values: &[u32], bits: &Range<u32>) -> (Vec<K>, Vec<u32>) {
+    let mut pairs: Vec<(K, u32)> = keys.iter().copied().zip(values.iter().copied()).collect();
+    let digits = |key: K| bits.clone().fold(0u64, |d, bit| d | key.bit(bit) << (bit - bits.start));
+    pairs.sort_by_cached_key(|pair| digits(pair.0));
     pairs.into_iter().unzip()
 }
 
-fn cpu_sort_equals_the_library_sort() {
+fn cpu_sort_equals_the_library_sort<K: TestKey>() {
     for n in lengths() {
         for (name, pattern) in KEY_PATTERNS {
-            let bit_ranges = if n < 10_000 { &BIT_RANGES[..] } else { &BIT_RANGES[..3] };
-            for bits in bit_ranges {
-                let (keys, values) = (pattern(n), values_of(n));
+            let all_ranges = bit_ranges::<K>();
+            let bit_ranges = if n < 10_000 { &all_ranges[..] } else { &all_ranges[all_ranges.len() - 3..] };
+            for bits in bit_ranges.iter().chain([&(0..K::BITS)]) {
+                let (keys, values) = (keys_of::<K>(pattern, n), values_of(n));
                 let (expected_keys, expected_values) = sorted_by_loop(&keys, &values, bits);
                 let (mut found_keys, mut found_values) = (keys, values);
                 radix_sort::sort_pairs(&mut found_keys, &mut found_values, bits.clone()).unwrap();
-                let case = format!("{n} {name} keys by bits {bits:?}");
+                let case = format!("{n} {name} keys of {} bits by bits {bits:?}", K::BITS);
                 assert_same(&found_keys, &expected_keys, &case);
                 assert_same(&found_values, &expected_values, &case);
             }
@@ -187,7 +257,7 @@ fn cpu_sort_equals_the_library_sort() {
 }
 
 fn cpu_sort_refuses_what_does_not_fit() {
-    let (mut keys, mut values) = (vec![1, 2], vec![1]);
+    let (mut keys, mut values) = (vec![1u32, 2], vec![1]);
     let found = radix_sort::sort_pairs(&mut keys, &mut values, 0..32);
     assert!(matches!(found, Err(Error::LengthMismatch { found: 1, expected: 2, .. })));
     let found = radix_sort::sort_pairs(&mut keys, &mut vec![1, 2], 0..33);
@@ -210,13 +280,14 @@ fn counting_sort_groups_indices_in_order() {
     }
 }
 
-fn check_gpu_sort(gpu: &Gpu, plan: &GpuRadixSort, keys: &[u32], bits: &std::ops::Range<u32>, case: &str) {
+fn check_gpu_sort<K: TestKey>(gpu: &Gpu, plan: &GpuRadixSort<K>, keys: &[K], bits: &Range<u32>, case: &str) {
     let (n, values) = (keys.len(), values_of(keys.len()));
+    let keys_with_margin = |keys: &[K]| [keys, &poison(MARGIN)].concat();
     let with_margin = |words: &[u32]| [words, &[POISON; MARGIN]].concat();
     let (expected_keys, expected_values) = sorted_by_loop(keys, &values, bits);
-    let (expected_keys, expected_values) = (with_margin(&expected_keys), with_margin(&expected_values));
+    let (expected_keys, expected_values) = (keys_with_margin(&expected_keys), with_margin(&expected_values));
 
-    let source_keys = gpu.upload("keys", &with_margin(keys)).unwrap();
+    let source_keys = gpu.upload("keys", &keys_with_margin(keys)).unwrap();
     let source_values = gpu.upload("values", &with_margin(&values)).unwrap();
     let (found_keys, found_values) = (poisoned(gpu, n + MARGIN), poisoned(gpu, n + MARGIN));
     let mut commands = gpu.commands("sort");
@@ -225,7 +296,7 @@ fn check_gpu_sort(gpu: &Gpu, plan: &GpuRadixSort, keys: &[u32], bits: &std::ops:
     commands.submit().unwrap();
     assert_same(&gpu.read(&found_keys).unwrap(), &expected_keys, &format!("{case}: keys from others"));
     assert_same(&gpu.read(&found_values).unwrap(), &expected_values, &format!("{case}: values from others"));
-    assert_same(&gpu.read(&source_keys).unwrap(), &with_margin(keys), &format!("{case}: source keys"));
+    assert_same(&gpu.read(&source_keys).unwrap(), &keys_with_margin(keys), &format!("{case}: source keys"));
 
     let order = poisoned(gpu, n);
     let mut commands = gpu.commands("sort");
@@ -239,7 +310,7 @@ fn check_gpu_sort(gpu: &Gpu, plan: &GpuRadixSort, keys: &[u32], bits: &std::ops:
 }
 
 /// The plan for a method; `None` where the device cannot rank by ballots.
-fn sort_plan(gpu: &Gpu, method: RankMethod, capacity: usize) -> Option<GpuRadixSort> {
+fn sort_plan<K: TestKey>(gpu: &Gpu, method: RankMethod, capacity: usize) -> Option<GpuRadixSort<K>> {
     match GpuRadixSort::with_method(gpu, capacity, method) {
         Ok(plan) => {
             assert_eq!(plan.method(), method);
@@ -250,43 +321,44 @@ fn sort_plan(gpu: &Gpu, method: RankMethod, capacity: usize) -> Option<GpuRadixS
     }
 }
 
-fn gpu_sort_equals_the_library_sort(gpu: &Gpu, method: RankMethod) {
-    let Some(plan) = sort_plan(gpu, method, 100_003) else { return };
+fn gpu_sort_equals_the_library_sort<K: TestKey>(gpu: &Gpu, method: RankMethod) {
+    let Some(plan) = sort_plan::<K>(gpu, method, 100_003) else { return };
+    let (all_ranges, all_bits, odd) = (bit_ranges::<K>(), 0..K::BITS, 5..27);
     for n in lengths() {
         // All ranges around one tile; elsewhere one with an odd number of digits, and all bits on one length of many tiles.
         let bits = match n {
-            1 | 1025 | 2047 => &BIT_RANGES[..],
-            100_003 => &BIT_RANGES[..1],
-            _ => &BIT_RANGES[4..5],
+            1 | 1025 | 2047 => &all_ranges[..],
+            100_003 => slice::from_ref(&all_bits),
+            _ => slice::from_ref(&odd),
         };
         // Wide ballots differ in one function only.
         if method == RankMethod::WideBallot && bits.len() == 1 {
             continue;
         }
         for bits in bits {
-            check_gpu_sort(gpu, &plan, &random_words(n, SEED), bits, &format!("{n} random keys by bits {bits:?}"));
+            check_gpu_sort(gpu, &plan, &keys_of(random_bits, n), bits, &format!("{n} random keys by bits {bits:?}"));
         }
     }
     if long_cases(gpu) {
         let n = (1 << 22) + 1;
-        let plan = sort_plan(gpu, method, n).unwrap();
-        for bits in [0..32, 0..22] {
-            check_gpu_sort(gpu, &plan, &random_words(n, SEED), &bits, &format!("{n} random keys by bits {bits:?}"));
+        let plan = sort_plan::<K>(gpu, method, n).unwrap();
+        for bits in [0..K::BITS, 0..22] {
+            check_gpu_sort(gpu, &plan, &keys_of(random_bits, n), &bits, &format!("{n} random keys by bits {bits:?}"));
         }
     }
 }
 
-fn gpu_sort_takes_any_pattern(gpu: &Gpu, method: RankMethod) {
-    let Some(plan) = sort_plan(gpu, method, 20_000) else { return };
+fn gpu_sort_takes_any_pattern<K: TestKey>(gpu: &Gpu, method: RankMethod) {
+    let Some(plan) = sort_plan::<K>(gpu, method, 20_000) else { return };
     for (name, pattern) in KEY_PATTERNS {
-        for n in [1000, 4097] {
-            check_gpu_sort(gpu, &plan, &pattern(n), &(0..32), &format!("{n} {name} keys"));
+        for (n, bits) in [(1000, 0..K::BITS), (4097, 0..K::BITS), (4097, 8..32)] {
+            check_gpu_sort(gpu, &plan, &keys_of(pattern, n), &bits, &format!("{n} {name} keys by bits {bits:?}"));
         }
     }
 }
 
 fn gpu_sort_refuses_what_does_not_fit(gpu: &Gpu) {
-    let plan = GpuRadixSort::new(gpu, 10).unwrap();
+    let plan = GpuRadixSort::<u32>::new(gpu, 10).unwrap();
     let (short, long) = (poisoned::<u32>(gpu, 5), poisoned::<u32>(gpu, 20));
     let mut commands = gpu.commands("sort");
     let mut record = |keys, values, n, bits| plan.record(&mut commands, keys, values, n, bits);
@@ -512,14 +584,15 @@ fn planted_differences_are_found() {
     assert!(first_difference(&right[1..], &right).is_some());
     assert!(std::panic::catch_unwind(|| assert_same(&[1], &[2], "planted")).is_err());
     // Two pairs with equal keys in the wrong order are told apart by their values.
-    let (_, values) = sorted_by_loop(&[5, 5, 1], &[0, 1, 2], &(0..32));
+    let (_, values) = sorted_by_loop(&[5u32, 5, 1], &[0, 1, 2], &(0..32));
     assert_eq!(values, [2, 0, 1]);
 }
 
 fn main() {
     let mut trials: Vec<Trial> = vec![
         trial("cpu_scan_equals_the_loop", cpu_scan_equals_the_loop),
-        trial("cpu_sort_equals_the_library_sort", cpu_sort_equals_the_library_sort),
+        trial("cpu_sort_of_u32_equals_the_library_sort", cpu_sort_equals_the_library_sort::<u32>),
+        trial("cpu_sort_of_u64_equals_the_library_sort", cpu_sort_equals_the_library_sort::<u64>),
         trial("cpu_sort_refuses_what_does_not_fit", cpu_sort_refuses_what_does_not_fit),
         trial("counting_sort_groups_indices_in_order", counting_sort_groups_indices_in_order),
         trial("cpu_reductions_equal_the_loop", cpu_reductions_equal_the_loop),
@@ -544,11 +617,17 @@ fn main() {
     let methods =
         [("ballot", RankMethod::Ballot), ("wide_ballot", RankMethod::WideBallot), ("counters", RankMethod::Counters)];
     for (name, method) in methods {
-        trials.push(gpu_trial(format!("gpu_sort_by_{name}_equals_the_library_sort"), move |gpu| {
-            gpu_sort_equals_the_library_sort(gpu, method);
+        trials.push(gpu_trial(format!("gpu_sort_of_u32_by_{name}_equals_the_library_sort"), move |gpu| {
+            gpu_sort_equals_the_library_sort::<u32>(gpu, method);
         }));
-        trials.push(gpu_trial(format!("gpu_sort_by_{name}_takes_any_pattern"), move |gpu| {
-            gpu_sort_takes_any_pattern(gpu, method);
+        trials.push(gpu_trial(format!("gpu_sort_of_u64_by_{name}_equals_the_library_sort"), move |gpu| {
+            gpu_sort_equals_the_library_sort::<u64>(gpu, method);
+        }));
+        trials.push(gpu_trial(format!("gpu_sort_of_u32_by_{name}_takes_any_pattern"), move |gpu| {
+            gpu_sort_takes_any_pattern::<u32>(gpu, method);
+        }));
+        trials.push(gpu_trial(format!("gpu_sort_of_u64_by_{name}_takes_any_pattern"), move |gpu| {
+            gpu_sort_takes_any_pattern::<u64>(gpu, method);
         }));
     }
     libtest_mimic::run(&Arguments::from_args(), trials).exit();

@@ -80,7 +80,7 @@ fn a_callers_bare_device_gives_the_same_answers(gpu: &Gpu) {
     let own = Gpu::from_device(device.clone(), queue);
     assert_eq!((own.limits().subgroup, own.limits().timestamp_period), (None, None));
     assert_eq!(own.name(), gpu.name());
-    assert!(matches!(GpuRadixSort::with_method(&own, 10, RankMethod::Ballot), Err(Error::Unsupported { .. })));
+    assert!(matches!(GpuRadixSort::<u32>::with_method(&own, 10, RankMethod::Ballot), Err(Error::Unsupported { .. })));
 
     let points = lattice_points(2000);
     let expected = rows_by_loop(&points, &points, RADIUS);

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU32, AtomicU64};
 
 use rayon::prelude::*;
 
-use super::{check_bits, digits};
+use super::{SortKey, check_bits, digits};
 use crate::parallel::chunk_len;
 use crate::{Error, Result};
 
@@ -25,9 +25,9 @@ const SMALLEST_CHUNK: usize = 16_384;
 /// Digits that are the same in every key cost one look at the keys and no move.
 ///
 /// # Errors
-/// `LengthMismatch` if there is not one value a key, `InvalidSetting` for bits beyond 32.
-pub fn sort_pairs(keys: &mut Vec<u32>, values: &mut Vec<u32>, bits: Range<u32>) -> Result<()> {
-    check_bits(&bits)?;
+/// `LengthMismatch` if there is not one value a key, `InvalidSetting` for bits beyond those of the key.
+pub fn sort_pairs<K: SortKey>(keys: &mut Vec<K>, values: &mut Vec<u32>, bits: Range<u32>) -> Result<()> {
+    check_bits::<K>(&bits)?;
     if keys.len() != values.len() {
         let (found, expected) = (values.len() as u64, keys.len() as u64);
         return Err(Error::LengthMismatch { what: "values to sort", found, expected });
@@ -36,56 +36,175 @@ pub fn sort_pairs(keys: &mut Vec<u32>, values: &mut Vec<u32>, bits: Range<u32>) 
         sort_few_pairs(keys, values, &bits);
         return Ok(());
     }
-    let passes: Vec<_> =
-        digits(&bits, WIDEST_DIGIT).into_iter().filter(|digit| varies(keys, digit_of(*digit))).collect();
+    let passes: Vec<_> = digits(&bits, WIDEST_DIGIT).into_iter().filter(|digit| varies(keys, *digit)).collect();
     let Some((&last, others)) = passes.split_last() else { return Ok(()) };
     let n = keys.len();
-    let chunk = chunk_len(n, SMALLEST_CHUNK);
-
-    // Between passes a pair is one 64-bit word, key above value: one store moves it.
-    let mut packed: Option<Vec<AtomicU64>> = None;
+    let mut between: Option<K::Between> = None;
     for &digit in others {
-        let key_digit = digit_of(digit);
-        let (target, n_digits) = (zeroed_pairs(n), 1 << digit.1);
-        match &packed {
-            None => {
-                let of_pair = |i: usize| key_digit(keys[i]);
-                scatter(n, chunk, n_digits, of_pair, |i, place| {
-                    target[place].store(u64::from(keys[i]) << 32 | u64::from(values[i]), Relaxed);
-                });
-            }
-            Some(pairs) => {
-                let of_pair = |i: usize| key_digit((pairs[i].load(Relaxed) >> 32) as u32);
-                scatter(n, chunk, n_digits, of_pair, |i, place| {
-                    target[place].store(pairs[i].load(Relaxed), Relaxed);
-                });
-            }
+        let target = K::Between::zeroed(n);
+        match &between {
+            None => move_pairs(n, digit, &(&keys[..], &values[..]), &target),
+            Some(pairs) => move_pairs(n, digit, pairs, &target),
         }
-        packed = Some(target);
+        between = Some(target);
     }
-    let (sorted_keys, sorted_values) = (zeroed_words(n), zeroed_words(n));
-    let (key_digit, n_digits) = (digit_of(last), 1 << last.1);
-    match &packed {
-        None => {
-            let of_pair = |i: usize| key_digit(keys[i]);
-            scatter(n, chunk, n_digits, of_pair, |i, place| {
-                sorted_keys[place].store(keys[i], Relaxed);
-                sorted_values[place].store(values[i], Relaxed);
-            });
-        }
-        Some(pairs) => {
-            let of_pair = |i: usize| key_digit((pairs[i].load(Relaxed) >> 32) as u32);
-            scatter(n, chunk, n_digits, of_pair, |i, place| {
-                let pair = pairs[i].load(Relaxed);
-                sorted_keys[place].store((pair >> 32) as u32, Relaxed);
-                sorted_values[place].store(pair as u32, Relaxed);
-            });
-        }
+    let sorted = Apart::<K>::zeroed(n);
+    match &between {
+        None => move_pairs(n, last, &(&keys[..], &values[..]), &sorted),
+        Some(pairs) => move_pairs(n, last, pairs, &sorted),
     }
-    *keys = plain_words(sorted_keys);
-    *values = plain_words(sorted_values);
+    *keys = plain(sorted.keys);
+    *values = plain(sorted.values);
     Ok(())
 }
+
+/// One pass: the stable counting sort by one digit.
+fn move_pairs<K: CpuKey>(n: usize, digit: (u32, u32), from: &impl PairSource<K>, to: &impl PairTarget<K>) {
+    scatter(
+        n,
+        chunk_len(n, SMALLEST_CHUNK),
+        1 << digit.1,
+        |i| from.key(i).digit(digit),
+        |i, place| to.put(place, from.pair(i)),
+    );
+}
+
+/// What the CPU sort does with a key.
+pub(super) trait CpuKey: Copy + Send + Sync {
+    /// A word that threads share.
+    type Shared: Shared<Word = Self>;
+    /// The pairs between two passes.
+    type Between: PairSource<Self> + PairTarget<Self>;
+
+    fn wide(self) -> u64;
+
+    /// The `width` bits from bit `shift` on.
+    fn digit(self, (shift, width): (u32, u32)) -> usize {
+        ((self.wide() >> shift) & ((1 << width) - 1)) as usize
+    }
+}
+
+impl CpuKey for u32 {
+    type Shared = AtomicU32;
+    type Between = Packed;
+
+    fn wide(self) -> u64 {
+        u64::from(self)
+    }
+}
+
+impl CpuKey for u64 {
+    type Shared = AtomicU64;
+    type Between = Apart<Self>;
+
+    fn wide(self) -> u64 {
+        self
+    }
+}
+
+/// Where pairs come from.
+pub(super) trait PairSource<K>: Sync {
+    fn key(&self, i: usize) -> K;
+    fn pair(&self, i: usize) -> (K, u32);
+}
+
+/// Where pairs go to.
+pub(super) trait PairTarget<K>: Sync {
+    fn zeroed(n: usize) -> Self;
+    fn put(&self, place: usize, pair: (K, u32));
+}
+
+impl<K: Copy + Sync> PairSource<K> for (&[K], &[u32]) {
+    fn key(&self, i: usize) -> K {
+        self.0[i]
+    }
+
+    fn pair(&self, i: usize) -> (K, u32) {
+        (self.0[i], self.1[i])
+    }
+}
+
+/// Pairs of words, key above value: one store moves a pair.
+pub(super) struct Packed(Vec<AtomicU64>);
+
+impl PairSource<u32> for Packed {
+    fn key(&self, i: usize) -> u32 {
+        (self.0[i].load(Relaxed) >> 32) as u32
+    }
+
+    fn pair(&self, i: usize) -> (u32, u32) {
+        let pair = self.0[i].load(Relaxed);
+        ((pair >> 32) as u32, pair as u32)
+    }
+}
+
+impl PairTarget<u32> for Packed {
+    fn zeroed(n: usize) -> Self {
+        Self(zeroed(n))
+    }
+
+    fn put(&self, place: usize, (key, value): (u32, u32)) {
+        self.0[place].store(u64::from(key) << 32 | u64::from(value), Relaxed);
+    }
+}
+
+/// Keys and values in an array each.
+pub(super) struct Apart<K: CpuKey> {
+    keys: Vec<K::Shared>,
+    values: Vec<AtomicU32>,
+}
+
+impl<K: CpuKey> PairSource<K> for Apart<K> {
+    fn key(&self, i: usize) -> K {
+        self.keys[i].load()
+    }
+
+    fn pair(&self, i: usize) -> (K, u32) {
+        (self.keys[i].load(), Shared::load(&self.values[i]))
+    }
+}
+
+impl<K: CpuKey> PairTarget<K> for Apart<K> {
+    fn zeroed(n: usize) -> Self {
+        Self { keys: zeroed(n), values: zeroed(n) }
+    }
+
+    fn put(&self, place: usize, (key, value): (K, u32)) {
+        self.keys[place].store(key);
+        Shared::store(&self.values[place], value);
+    }
+}
+
+/// A relaxed atomic.
+pub(super) trait Shared: Default + Send + Sync {
+    type Word: Send;
+    fn load(&self) -> Self::Word;
+    fn store(&self, word: Self::Word);
+    fn into_word(self) -> Self::Word;
+}
+
+macro_rules! shared {
+    ($atomic:ty, $word:ty) => {
+        impl Shared for $atomic {
+            type Word = $word;
+
+            fn load(&self) -> $word {
+                self.load(Relaxed)
+            }
+
+            fn store(&self, word: $word) {
+                self.store(word, Relaxed);
+            }
+
+            fn into_word(self) -> $word {
+                self.into_inner()
+            }
+        }
+    };
+}
+
+shared!(AtomicU32, u32);
+shared!(AtomicU64, u64);
 
 /// Groups the indices of `keys` by key, for keys below a small `n_keys` (up to some thousands).
 ///
@@ -103,7 +222,7 @@ pub fn counting_sort(keys: &[u32], n_keys: usize) -> Result<(Vec<u32>, Vec<u32>)
     if keys.len() as u64 > limit {
         return Err(Error::TooMany { what: "keys to group", found: keys.len() as u64, limit, advice });
     }
-    let order = zeroed_words(keys.len());
+    let order: Vec<AtomicU32> = zeroed(keys.len());
     // Every chunk counts all keys: chunks much shorter than that would spend their time on counters.
     let chunk = chunk_len(keys.len(), SMALLEST_CHUNK.max(4 * n_keys));
     let mut offsets = scatter(
@@ -112,11 +231,11 @@ pub fn counting_sort(keys: &[u32], n_keys: usize) -> Result<(Vec<u32>, Vec<u32>)
         n_keys,
         |i| keys[i] as usize,
         |i, place| {
-            order[place].store(i as u32, Relaxed);
+            Shared::store(&order[place], i as u32);
         },
     );
     offsets.push(keys.len() as u32);
-    Ok((offsets, plain_words(order)))
+    Ok((offsets, plain(order)))
 }
 
 /// The stable counting sort of `n` elements: calls `put` with every element and its place, chunks in parallel.
@@ -155,33 +274,23 @@ fn scatter(
     starts
 }
 
-fn sort_few_pairs(keys: &mut [u32], values: &mut [u32], bits: &Range<u32>) {
-    let n_bits = bits.end - bits.start;
-    let mask = (1u64 << n_bits) - 1;
-    let mut pairs: Vec<(u32, u32)> = keys.iter().copied().zip(values.iter().copied()).collect();
-    pairs.sort_by_key(|&(key, _)| (u64::from(key) >> bits.start) & mask);
+fn sort_few_pairs<K: CpuKey>(keys: &mut [K], values: &mut [u32], bits: &Range<u32>) {
+    let mut pairs: Vec<(K, u32)> = keys.iter().copied().zip(values.iter().copied()).collect();
+    let mask = u64::MAX.checked_shr(u64::BITS - (bits.end - bits.start)).unwrap_or(0);
+    pairs.sort_by_key(|&(key, _)| key.wide().checked_shr(bits.start).unwrap_or(0) & mask);
     for ((key, value), pair) in keys.iter_mut().zip(values).zip(pairs) {
         (*key, *value) = pair;
     }
 }
 
-fn digit_of((shift, width): (u32, u32)) -> impl Fn(u32) -> usize + Sync + Copy {
-    let mask = (1u32 << width) - 1;
-    move |key| ((key >> shift) & mask) as usize
+fn varies<K: CpuKey>(keys: &[K], digit: (u32, u32)) -> bool {
+    keys.first().is_some_and(|&first| keys.par_iter().any(|&key| key.digit(digit) != first.digit(digit)))
 }
 
-fn varies(keys: &[u32], digit: impl Fn(u32) -> usize + Sync) -> bool {
-    keys.first().is_some_and(|&first| keys.par_iter().any(|&key| digit(key) != digit(first)))
+fn zeroed<S: Shared>(n: usize) -> Vec<S> {
+    std::iter::repeat_with(S::default).take(n).collect()
 }
 
-fn zeroed_pairs(n: usize) -> Vec<AtomicU64> {
-    std::iter::repeat_with(|| AtomicU64::new(0)).take(n).collect()
-}
-
-fn zeroed_words(n: usize) -> Vec<AtomicU32> {
-    std::iter::repeat_with(|| AtomicU32::new(0)).take(n).collect()
-}
-
-fn plain_words(words: Vec<AtomicU32>) -> Vec<u32> {
-    words.into_iter().map(AtomicU32::into_inner).collect()
+fn plain<S: Shared>(words: Vec<S>) -> Vec<S::Word> {
+    words.into_iter().map(S::into_word).collect()
 }

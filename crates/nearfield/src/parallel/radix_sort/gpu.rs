@@ -7,7 +7,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::{check_bits, digits};
+use super::{SortKey, check_bits, digits};
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
 use crate::parallel::tile::{ParameterCache, RowScan, WORKGROUP, check_capacity, check_holds, check_len};
 use crate::{Error, Result};
@@ -30,9 +30,9 @@ const BALLOT_BYTES: u32 = 26 * 1024;
 const BALLOT_ITEMS: usize = 16;
 const COUNTER_ITEMS: usize = 8;
 
-/// A plan for stable sorts of (u32 key, u32 value) pairs on the device.
+/// A plan for stable sorts of (key, u32 value) pairs on the device; keys are `u32` or `u64`.
 #[derive(Debug)]
-pub struct GpuRadixSort {
+pub struct GpuRadixSort<K: SortKey = u32> {
     parameters: ParameterCache,
     capacity: usize,
     method: RankMethod,
@@ -45,11 +45,11 @@ pub struct GpuRadixSort {
     copy_indices: Arc<Pipeline>,
     table: Buffer<u32>,
     totals: Buffer<u32>,
-    spare_keys: Buffer<u32>,
+    spare_keys: Buffer<K>,
     spare_values: Buffer<u32>,
 }
 
-impl GpuRadixSort {
+impl<K: SortKey> GpuRadixSort<K> {
     /// A plan for up to `capacity` pairs, ranking by ballots where the device can. Its scratch
     /// memory is a second pair of buffers, and 4 bytes for each digit and tile (3 % of the pairs with subgroups of 32 lanes).
     ///
@@ -77,7 +77,7 @@ impl GpuRadixSort {
     /// with more lanes than the method has; the other errors of [`GpuRadixSort::new`].
     pub fn with_method(gpu: &Gpu, capacity: usize, method: RankMethod) -> Result<Self> {
         check_capacity("pairs to sort", capacity)?;
-        let ballot = method != RankMethod::Counters;
+        let (ballot, wide) = (method != RankMethod::Counters, K::BITS > u32::BITS);
         let narrow = method == RankMethod::Ballot;
         let (workgroup, items) = if ballot {
             let fits = |_: &u32| !narrow || gpu.limits().subgroup.is_some_and(|(_, largest)| largest <= 32);
@@ -95,7 +95,7 @@ impl GpuRadixSort {
 
         let constants = [("WORKGROUP", f64::from(workgroup))];
         let count = Kernel {
-            features: &[("ballot", ballot)],
+            features: &[("ballot", ballot), ("wide", wide)],
             constants: &constants,
             ..Kernel::new(
                 "package::parallel::radix_sort::count_digits",
@@ -120,7 +120,12 @@ impl GpuRadixSort {
                 Access::Read,
             ];
             gpu.pipeline(&Kernel {
-                features: &[("ballot", ballot), ("narrow", narrow), ("values_are_indices", values_are_indices)],
+                features: &[
+                    ("ballot", ballot),
+                    ("wide", wide),
+                    ("narrow", narrow),
+                    ("values_are_indices", values_are_indices),
+                ],
                 constants,
                 ..Kernel::new(module, "scatter", &bindings[..7 - usize::from(values_are_indices)], workgroup)
             })
@@ -129,7 +134,7 @@ impl GpuRadixSort {
             let bindings = [Access::Uniform, Access::Read, Access::ReadWrite, Access::ReadWrite, Access::Read];
             let module = "package::parallel::radix_sort::copy_pairs";
             gpu.pipeline(&Kernel {
-                features: &[("ballot", ballot), ("values_are_indices", values_are_indices)],
+                features: &[("wide", wide), ("ballot", ballot), ("values_are_indices", values_are_indices)],
                 ..Kernel::new(module, "copy_pairs", &bindings[..5 - usize::from(values_are_indices)], WORKGROUP)
             })
         };
@@ -171,26 +176,27 @@ impl GpuRadixSort {
     /// [`GpuRadixSort::record_from`].
     ///
     /// # Errors
-    /// `InvalidSetting` for bits beyond 32, `TooMany` if `len` passes the capacity, `LengthMismatch` if a buffer is
+    /// `InvalidSetting` for bits beyond those of the key, `TooMany` if `len` passes the capacity, `LengthMismatch` if a buffer is
     /// shorter, `OutOfDeviceMemory`.
     pub fn record(
         &self,
         commands: &mut Commands,
-        keys: &Buffer<u32>,
+        keys: &Buffer<K>,
         values: &Buffer<u32>,
         len: usize,
         bits: Range<u32>,
     ) -> Result<()> {
-        self.check(&[keys, values], len, &bits)?;
+        self.check(&[keys], &[values], len, &bits)?;
         let passes = digits(&bits, Self::widest(self.method));
-        let (own, spare) = ([keys, values], [&self.spare_keys, &self.spare_values]);
+        let own: [Bind; 2] = [keys.into(), values.into()];
+        let spare = [(&self.spare_keys).into(), (&self.spare_values).into()];
         let odd = !passes.len().is_multiple_of(2);
         if odd {
-            self.copy_pairs(commands, [keys, values].map(Some), spare, len)?;
+            self.copy_pairs(commands, own.clone().map(Some), &spare, len)?;
         }
         for (number, &digit) in passes.iter().enumerate() {
-            let (from, to) = if (number % 2 == 0) == odd { (spare, own) } else { (own, spare) };
-            self.pass(commands, from.map(Some), to, len, digit)?;
+            let (from, to) = if (number % 2 == 0) == odd { (&spare, &own) } else { (&own, &spare) };
+            self.pass(commands, from.clone().map(Some), to, len, digit)?;
         }
         Ok(())
     }
@@ -206,41 +212,43 @@ impl GpuRadixSort {
     pub fn record_from(
         &self,
         commands: &mut Commands,
-        source_keys: &Buffer<u32>,
+        source_keys: &Buffer<K>,
         source_values: Option<&Buffer<u32>>,
-        keys: &Buffer<u32>,
+        keys: &Buffer<K>,
         values: &Buffer<u32>,
         len: usize,
         bits: Range<u32>,
     ) -> Result<()> {
-        self.check(&[source_keys, source_values.unwrap_or(source_keys), keys, values], len, &bits)?;
+        self.check(&[source_keys, keys], &[source_values.unwrap_or(values), values], len, &bits)?;
         let passes = digits(&bits, Self::widest(self.method));
-        let (own, spare) = ([keys, values], [&self.spare_keys, &self.spare_values]);
-        let mut from = [Some(source_keys), source_values];
+        let own: [Bind; 2] = [keys.into(), values.into()];
+        let spare = [(&self.spare_keys).into(), (&self.spare_values).into()];
+        let mut from = [Some(Bind::from(source_keys)), source_values.map(Bind::from)];
         if passes.is_empty() {
-            return self.copy_pairs(commands, from, own, len);
+            return self.copy_pairs(commands, from, &own, len);
         }
         for (number, &digit) in passes.iter().enumerate() {
             // The last pass goes to the result.
-            let to = if (passes.len() - number) % 2 == 1 { own } else { spare };
+            let to = if (passes.len() - number) % 2 == 1 { &own } else { &spare };
             self.pass(commands, from, to, len, digit)?;
-            from = to.map(Some);
+            from = to.clone().map(Some);
         }
         Ok(())
     }
 
-    fn check(&self, buffers: &[&Buffer<u32>], len: usize, bits: &Range<u32>) -> Result<()> {
-        check_bits(bits)?;
+    fn check(&self, keys: &[&Buffer<K>], values: &[&Buffer<u32>], len: usize, bits: &Range<u32>) -> Result<()> {
+        check_bits::<K>(bits)?;
         check_len("pairs to sort", len, self.capacity)?;
-        buffers.iter().try_for_each(|buffer| check_holds(buffer, len))
+        keys.iter().try_for_each(|buffer| check_holds(buffer, len))?;
+        values.iter().try_for_each(|buffer| check_holds(buffer, len))
     }
 
     /// One counting sort. Without source values, the values are the indices.
     fn pass(
         &self,
         commands: &mut Commands,
-        from: [Option<&Buffer<u32>>; 2],
-        to: [&Buffer<u32>; 2],
+        [keys, values]: [Option<Bind>; 2],
+        to: &[Bind; 2],
         len: usize,
         (shift, width): (u32, u32),
     ) -> Result<()> {
@@ -251,7 +259,6 @@ impl GpuRadixSort {
         let n_digits = 1usize << width;
         let parameters = self.parameters.uniform([len as u32, n_tiles as u32, shift, n_digits as u32 - 1])?;
         let workgroups = Workgroups::Count(n_tiles as u32);
-        let [keys, values] = from.map(|buffer| buffer.map(Bind::from));
         let keys = keys.expect("a pass should have keys");
 
         let bindings = [(&parameters).into(), keys.clone(), (&self.table).into()];
@@ -259,7 +266,7 @@ impl GpuRadixSort {
         self.rows.record(commands, &self.table, &self.totals, n_digits, n_tiles)?;
         let scatter = if values.is_some() { &self.scatter } else { &self.scatter_indices };
         let mut bindings = vec![(&parameters).into(), (&self.table).into(), (&self.totals).into(), keys];
-        bindings.extend(to.map(Bind::from));
+        bindings.extend(to.iter().cloned());
         bindings.extend(values);
         commands.dispatch(scatter, &bindings, workgroups);
         Ok(())
@@ -268,15 +275,14 @@ impl GpuRadixSort {
     fn copy_pairs(
         &self,
         commands: &mut Commands,
-        from: [Option<&Buffer<u32>>; 2],
-        to: [&Buffer<u32>; 2],
+        [keys, values]: [Option<Bind>; 2],
+        to: &[Bind; 2],
         len: usize,
     ) -> Result<()> {
         let parameters = self.parameters.uniform([len as u32, 0, 0, 0])?;
-        let [keys, values] = from.map(|buffer| buffer.map(Bind::from));
         let copy = if values.is_some() { &self.copy } else { &self.copy_indices };
         let mut bindings = vec![(&parameters).into(), keys.expect("a copy should have keys")];
-        bindings.extend(to.map(Bind::from));
+        bindings.extend(to.iter().cloned());
         bindings.extend(values);
         commands.dispatch(copy, &bindings, Workgroups::Covering(len as u64));
         Ok(())

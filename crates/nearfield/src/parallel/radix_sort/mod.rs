@@ -1,5 +1,5 @@
-//! Stable sorting of (u32 key, u32 value) pairs by a range of key bits: counting sorts of one digit after another, the
-//! lowest first (least significant digit radix sort).
+//! Stable sorting of (key, value) pairs by a range of key bits: counting sorts of one digit after another, the lowest
+//! first (least significant digit radix sort). Keys are `u32` or `u64`, values `u32`.
 //!
 //! Only the bits asked for cost time: sort by as few as tell the keys apart. On the CPU a digit has up to 11 bits, on
 //! the GPU 8 where subgroups can vote and 4 elsewhere; digits share the bits evenly.
@@ -7,10 +7,12 @@
 mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod key;
 
 pub use cpu::{counting_sort, sort_pairs};
 #[cfg(feature = "gpu")]
 pub use gpu::{GpuRadixSort, RankMethod};
+pub use key::SortKey;
 
 use std::ops::Range;
 
@@ -30,11 +32,12 @@ fn digits(bits: &Range<u32>, widest: u32) -> Vec<(u32, u32)> {
         .collect()
 }
 
-fn check_bits(bits: &Range<u32>) -> Result<()> {
-    if bits.start <= bits.end && bits.end <= u32::BITS {
+fn check_bits<K: SortKey>(bits: &Range<u32>) -> Result<()> {
+    if bits.start <= bits.end && bits.end <= K::BITS {
         return Ok(());
     }
-    let (setting, expected) = ("bits", "a range within 0..32");
+    let expected = if K::BITS == u32::BITS { "a range within 0..32" } else { "a range within 0..64" };
+    let setting = "bits";
     Err(Error::InvalidSetting { setting, found: format!("{bits:?}"), expected })
 }
 
@@ -52,10 +55,12 @@ mod tests {
 
     #[test]
     fn bits_outside_a_key_are_refused() {
-        assert!(check_bits(&(0..33)).is_err());
+        assert!(check_bits::<u32>(&(0..33)).is_err());
+        assert!(check_bits::<u64>(&(0..65)).is_err());
         #[allow(clippy::reversed_empty_ranges, reason = "it must be refused")]
         let reversed = 5..4;
-        assert!(check_bits(&reversed).is_err());
-        assert!(check_bits(&(0..32)).is_ok());
+        assert!(check_bits::<u32>(&reversed).is_err());
+        assert!(check_bits::<u32>(&(0..32)).is_ok());
+        assert!(check_bits::<u64>(&(0..64)).is_ok());
     }
 }

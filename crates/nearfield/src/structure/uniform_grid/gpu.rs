@@ -89,7 +89,7 @@ pub struct GridBuilder {
     period: Period,
     compute_entries: Arc<Pipeline>,
     gather_points: Arc<Pipeline>,
-    sort: GpuRadixSort,
+    sort: GpuRadixSort<u32>,
     scan: GpuScan,
     keys: Buffer<u32>,
     sorted_keys: Buffer<u32>,
@@ -256,7 +256,7 @@ impl GpuStructure for GpuUniformGrid {
         let order = self.gpu.buffer("query order", n)?;
         let sorted = self.gpu.buffer("sorted queries", n)?;
         let ids = self.gpu.buffer::<u32>("indices of sorted queries", n)?;
-        let sort = GpuRadixSort::new(&self.gpu, n)?;
+        let sort = GpuRadixSort::<u32>::new(&self.gpu, n)?;
         let covering = Workgroups::Covering(n as u64);
         let mut commands = self.gpu.commands("sort queries");
         commands.dispatch(
