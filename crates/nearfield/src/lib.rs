@@ -42,4 +42,4 @@ pub use query::{
 };
 pub use structure::{BruteForce, GridSettings, LinearOctree, OctreeNode, OctreeSettings, UniformGrid};
 #[cfg(feature = "gpu")]
-pub use structure::{GpuBruteForce, GpuUniformGrid};
+pub use structure::{GpuBruteForce, GpuLinearOctree, GpuUniformGrid};

@@ -39,6 +39,18 @@ impl OrderedPoints {
         Self { len: order.len(), x: column(0), y: column(1), z: column(2), ids }
     }
 
+    /// Points that stand in the order already, with the indices that they have in the caller's order.
+    ///
+    /// # Panics
+    /// If there is not one index a point.
+    pub fn in_order(points: &[Vec3], ids: Vec<u32>) -> Self {
+        assert_eq!(points.len(), ids.len(), "there should be one index a point");
+        let places: Vec<u32> = (0..points.len() as u32).collect();
+        let mut ordered = Self::gather(points, &places);
+        ordered.ids[..ids.len()].copy_from_slice(&ids);
+        ordered
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         self.len

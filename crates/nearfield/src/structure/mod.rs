@@ -18,6 +18,8 @@ pub mod uniform_grid;
 pub use brute_force::BruteForce;
 #[cfg(feature = "gpu")]
 pub use brute_force::GpuBruteForce;
+#[cfg(feature = "gpu")]
+pub use linear_octree::{GpuLinearOctree, OctreeBuilder};
 pub use linear_octree::{LinearOctree, OctreeNode, OctreeSettings};
 #[cfg(feature = "gpu")]
 pub(crate) use on_gpu::device_points;

@@ -4,13 +4,13 @@ use std::ops::ControlFlow;
 
 use nearfield::geometry::Period;
 use nearfield::{
-    Aabb, BruteForce, FixedRadius, ForEachNeighbor, GridSettings, Neighbor, NeighborSearch, Report, Result,
-    UniformGrid, Vec3,
+    Aabb, BruteForce, Curve, FixedRadius, ForEachNeighbor, GridSettings, LinearOctree, Neighbor, NeighborSearch,
+    OctreeSettings, Report, Result, UniformGrid, Vec3,
 };
 #[cfg(feature = "gpu")]
 use nearfield::{
     query::{ForEachOnDevice, Visitor as DeviceVisitor},
-    structure::{GpuBruteForce, GpuUniformGrid},
+    structure::{GpuBruteForce, GpuLinearOctree, GpuUniformGrid},
 };
 
 use crate::cases::Case;
@@ -97,6 +97,7 @@ macro_rules! on_cpu {
 
 on_cpu!(BruteForce, |_| None);
 on_cpu!(UniformGrid, UniformGrid::broken_invariant);
+on_cpu!(LinearOctree, LinearOctree::broken_invariant);
 
 /// Settings of a grid over a plan.
 type Settings = fn(&Plan<'_>) -> GridSettings;
@@ -115,6 +116,45 @@ const GRIDS: &[(&str, Settings)] = &[
     }),
 ];
 
+/// Builds of the octree: as by default, with small leaves along Hilbert's curve, and with few large ones.
+const OCTREES: &[(&str, OctreeSettings)] = &[
+    ("leaves-of-32", OctreeSettings::DEFAULT),
+    (
+        "leaves-of-3-along-hilbert",
+        OctreeSettings { leaf_capacity: 3, curve: Curve::Hilbert, ..OctreeSettings::DEFAULT },
+    ),
+    ("leaves-of-500-to-level-4", OctreeSettings { leaf_capacity: 500, max_level: 4, ..OctreeSettings::DEFAULT }),
+];
+
+macro_rules! octree_on_cpu {
+    ($number:literal) => {
+        Subject {
+            structure: "linear-octree",
+            device: Device::Cpu,
+            variant: OCTREES[$number].0,
+            build: |plan| {
+                let settings = OCTREES[$number].1.periodic(plan.period);
+                Ok(Box::new(LinearOctree::build(plan.points, &settings)?))
+            },
+        }
+    };
+}
+
+#[cfg(feature = "gpu")]
+macro_rules! octree_on_gpu {
+    ($number:literal) => {
+        Subject {
+            structure: "linear-octree",
+            device: Device::Gpu,
+            variant: OCTREES[$number].0,
+            build: |plan| {
+                let settings = OCTREES[$number].1.periodic(plan.period);
+                Ok(Box::new(GpuLinearOctree::build(device(), plan.points, &settings)?))
+            },
+        }
+    };
+}
+
 macro_rules! grid_on_cpu {
     ($number:literal) => {
         Subject {
@@ -131,7 +171,7 @@ macro_rules! grid_on_cpu {
 
 #[cfg(feature = "gpu")]
 macro_rules! on_gpu {
-    ($structure:ty) => {
+    ($structure:ty, $invariant:expr) => {
         impl Built for $structure {
             fn visit(&self, _: &FixedRadius<'_>, _: &Visitor<'_>) -> Option<Result<()>> {
                 None
@@ -142,7 +182,7 @@ macro_rules! on_gpu {
             }
 
             fn broken_invariant(&self) -> Option<String> {
-                None
+                $invariant(self)
             }
 
             fn run_visitor(&self, question: &FixedRadius<'_>, visitor: &DeviceVisitor<'_>) -> Option<Result<Report>> {
@@ -153,9 +193,14 @@ macro_rules! on_gpu {
 }
 
 #[cfg(feature = "gpu")]
-on_gpu!(GpuBruteForce);
+on_gpu!(GpuBruteForce, |_| None);
 #[cfg(feature = "gpu")]
-on_gpu!(GpuUniformGrid);
+on_gpu!(GpuUniformGrid, |_| None);
+#[cfg(feature = "gpu")]
+on_gpu!(GpuLinearOctree, |tree: &GpuLinearOctree| match tree.read() {
+    Ok(tree) => tree.broken_invariant(),
+    Err(error) => Some(error.to_string()),
+});
 
 #[cfg(feature = "gpu")]
 macro_rules! grid_on_gpu {
@@ -192,6 +237,9 @@ pub(crate) const SUBJECTS: &[Subject] = &[
     grid_on_cpu!(3),
     grid_on_cpu!(4),
     grid_on_cpu!(5),
+    octree_on_cpu!(0),
+    octree_on_cpu!(1),
+    octree_on_cpu!(2),
     #[cfg(feature = "gpu")]
     Subject {
         structure: "brute-force",
@@ -211,6 +259,12 @@ pub(crate) const SUBJECTS: &[Subject] = &[
     grid_on_gpu!(4),
     #[cfg(feature = "gpu")]
     grid_on_gpu!(5),
+    #[cfg(feature = "gpu")]
+    octree_on_gpu!(0),
+    #[cfg(feature = "gpu")]
+    octree_on_gpu!(1),
+    #[cfg(feature = "gpu")]
+    octree_on_gpu!(2),
 ];
 
 impl Subject {
@@ -262,7 +316,11 @@ impl Subject {
     pub(crate) fn check_report(&self, report: &Report, asked: Asked) -> Verdict {
         let (device_is_right, search, kernels) = match self.device {
             Device::Cpu => {
-                let search = if self.structure == "brute-force" { "all-pairs" } else { "row-runs" };
+                let search = match self.structure {
+                    "brute-force" => "all-pairs",
+                    "linear-octree" => "octants",
+                    _ => "row-runs",
+                };
                 let kernel = if asked == Asked::Count { "row_simd::count" } else { "row_simd::collect" };
                 (report.device.starts_with("cpu ("), search, vec![kernel.to_owned()])
             }
@@ -314,7 +372,7 @@ impl Subject {
     /// The search and the kernels that answer on a device.
     #[cfg(feature = "gpu")]
     fn on_gpu(&self, asked: Asked) -> (&'static str, Vec<String>) {
-        let by_masks = self.structure == "uniform-grid" && asked == (Asked::List { sorted: false, distances: false });
+        let by_masks = self.structure != "brute-force" && asked == (Asked::List { sorted: false, distances: false });
         let (search, visitors): (_, &[&str]) = match asked {
             Asked::Count => ("thread-a-query", &["count"]),
             Asked::List { .. } if by_masks => ("row-masks", &["row_masks"]),

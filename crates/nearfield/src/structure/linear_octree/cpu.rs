@@ -66,6 +66,19 @@ impl LinearOctree {
         Ok(Self { settings: *settings, layout, points: ordered, sorted_levels, nodes, packs, stages })
     }
 
+    /// The tree of parts that were made elsewhere.
+    #[cfg(feature = "gpu")]
+    pub(super) fn from_parts(
+        settings: OctreeSettings,
+        layout: OctreeLayout,
+        points: OrderedPoints,
+        sorted_levels: u32,
+        nodes: Nodes,
+    ) -> Self {
+        let packs = packs(&nodes.nodes, points.len());
+        Self { settings, layout, points, sorted_levels, nodes, packs, stages: Vec::new() }
+    }
+
     /// The settings it was built with.
     pub fn settings(&self) -> &OctreeSettings {
         &self.settings

@@ -20,7 +20,13 @@
 //! 6. pre- and post-order are permutations: in one a node comes before its descendants, in the other behind them.
 
 mod build;
+#[cfg(feature = "gpu")]
+mod builder;
 mod cpu;
+#[cfg(feature = "gpu")]
+mod effort;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod layout;
 mod region;
 mod settings;
@@ -29,6 +35,11 @@ mod tests;
 mod validate;
 mod walk;
 
+#[cfg(feature = "gpu")]
+pub use builder::{OctreeBuilder, OctreeSummary};
 pub use cpu::LinearOctree;
+#[cfg(feature = "gpu")]
+pub use gpu::GpuLinearOctree;
 pub use layout::{NONE, OctreeNode};
+pub use region::OctreeLayout;
 pub use settings::OctreeSettings;

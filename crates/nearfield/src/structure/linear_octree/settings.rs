@@ -23,13 +23,17 @@ pub struct OctreeSettings {
 }
 
 impl Default for OctreeSettings {
-    /// Leaves of up to 32 points, no depth limit but that of the keys, Morton order.
+    /// [`OctreeSettings::DEFAULT`].
     fn default() -> Self {
-        Self { leaf_capacity: 32, max_level: MAX_LEVEL, curve: Curve::Morton, domain: None, period: Period::NONE }
+        Self::DEFAULT
     }
 }
 
 impl OctreeSettings {
+    /// Leaves of up to 32 points, no depth limit but that of the keys, Morton order, the domain of the points.
+    pub const DEFAULT: Self =
+        Self { leaf_capacity: 32, max_level: MAX_LEVEL, curve: Curve::Morton, domain: None, period: Period::NONE };
+
     /// Every occupied octant down to `level` becomes a node: the leaves are the occupied cells of that level.
     pub fn uniform(level: u32) -> Self {
         Self { leaf_capacity: 0, max_level: level, ..Self::default() }

@@ -1,0 +1,49 @@
+//! How much a traversal of the octree on a device can have to do: bounds for devices that end long loops.
+
+use rayon::prelude::*;
+
+use super::LinearOctree;
+use crate::geometry::Aabb;
+use crate::structure::{CpuStructure, Effort};
+
+/// Invocations that may run in step on a device that does not say how many do.
+pub(super) const MOST_IN_STEP: u32 = 64;
+
+/// Upper bounds for balls of this radius around the points, or around any place within `queries`; `in_step` of them are
+/// answered together: a loop of theirs goes on until the last of them is done.
+pub(super) fn most(tree: &LinearOctree, radius: f32, queries: Option<&Aabb>, in_step: u32) -> Effort {
+    let n_nodes = tree.nodes().len() as u64;
+    let everything = Effort { candidates: tree.points.len() as u64 * u64::from(in_step), rounds: 3 * n_nodes };
+    if queries.is_some() {
+        return everything;
+    }
+    // What a pack's box touches is no less than what a ball around one of its points does.
+    let packs: Vec<_> = tree.packs().windows(2).collect();
+    let of_pack = |pack: &&[u32]| {
+        let region = tree.layout.region_near(&tree.points.bounds(pack[0] as usize..pack[1] as usize), radius);
+        let (mut visited, mut leaves, mut candidates) = (0u64, 0u64, 0u64);
+        let mut next = 0u32;
+        while let Some(node) = tree.nodes().get(next as usize) {
+            visited += 1;
+            next = node.rope;
+            if region.overlaps(node) {
+                if node.is_leaf() {
+                    leaves += 1;
+                    candidates += u64::from(node.n_points());
+                } else {
+                    next = node.first_child;
+                }
+            }
+        }
+        (visited, leaves, candidates)
+    };
+    let largest = |a: (u64, u64, u64), b: (u64, u64, u64)| (a.0.max(b.0), a.1.max(b.1), a.2.max(b.2));
+    let (visited, leaves, candidates) = packs.par_iter().map(of_pack).reduce(|| (0, 0, 0), largest);
+    // Invocations in step need not be in leaves at the same time; a loop over a leaf takes up to two rounds more than
+    // full ones.
+    let in_step = u64::from(in_step);
+    Effort {
+        candidates: (candidates * in_step).min(everything.candidates),
+        rounds: (visited + 2 * leaves * in_step).min(everything.rounds * in_step),
+    }
+}
