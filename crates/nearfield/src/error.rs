@@ -38,6 +38,20 @@ pub enum Error {
         value: f64,
     },
 
+    /// Coordinates outside the domain that was given for them.
+    #[error(
+        "{count} of the {what} lie outside the given domain, the first at index {first}; enlarge the domain, or leave it \
+         out to take the bounds of the points"
+    )]
+    OutsideDomain {
+        /// What was being read: "points".
+        what: &'static str,
+        /// How many lie outside.
+        count: u64,
+        /// Index of the first one.
+        first: u64,
+    },
+
     /// A radius that is negative, NaN, infinite, or whose square is not a normal f32.
     #[error("radius {radius:e}{} {reason}", .index.map(|i| format!(" of query {i}")).unwrap_or_default())]
     InvalidRadius {

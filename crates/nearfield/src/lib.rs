@@ -40,6 +40,6 @@ pub use query::{
 pub use query::{
     ForEachOnDevice, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, SearchOnDevice, StructureChoice, Visitor,
 };
-pub use structure::{BruteForce, GridSettings, UniformGrid};
+pub use structure::{BruteForce, CellState, DenseOctree, DenseOctreeSettings, GridSettings, UniformGrid};
 #[cfg(feature = "gpu")]
-pub use structure::{GpuBruteForce, GpuUniformGrid};
+pub use structure::{GpuBruteForce, GpuDenseOctree, GpuUniformGrid};

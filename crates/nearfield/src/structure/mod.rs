@@ -10,6 +10,7 @@ use glam::Vec3;
 use crate::geometry::{Aabb, OrderedPoints, Period};
 
 pub mod brute_force;
+pub mod dense_octree;
 #[cfg(feature = "gpu")]
 mod on_gpu;
 pub mod uniform_grid;
@@ -17,6 +18,9 @@ pub mod uniform_grid;
 pub use brute_force::BruteForce;
 #[cfg(feature = "gpu")]
 pub use brute_force::GpuBruteForce;
+#[cfg(feature = "gpu")]
+pub use dense_octree::GpuDenseOctree;
+pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};
 #[cfg(feature = "gpu")]
 pub(crate) use on_gpu::device_points;
 #[cfg(feature = "gpu")]
