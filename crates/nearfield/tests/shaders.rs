@@ -4,6 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
 use std::sync::OnceLock;
 
+use nearfield::Vec3;
+use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
 use nearfield::query::Batch;
@@ -277,7 +279,18 @@ fn twins() -> BTreeMap<&'static str, Layout> {
     // An array of words there is single words here: arrays in uniforms have a stride of 16 bytes.
     let (_, offset, size) = batch.fields.pop().unwrap();
     batch.fields.extend((0..size / 4).map(|i| (format!("padding_{i}"), offset + 4 * i, 4)));
-    BTreeMap::from([("GridLayout", grid), ("Layout", brute_force), ("Batch", batch)])
+    BTreeMap::from([("GridLayout", grid), ("Layout", brute_force), ("Batch", batch), ("Domain", domain())])
+}
+
+/// The layout of a domain, whose fields are private: from where its values stand.
+fn domain() -> Layout {
+    let made = Domain::new(Vec3::new(1.0, 2.0, 3.0), 4.0).unwrap();
+    let scale = (1u32 << MAX_LEVEL) as f32 / 4.0;
+    assert_eq!(bytemuck::cast::<_, [f32; 8]>(made), [1.0, 2.0, 3.0, 4.0, scale, 0.0, 0.0, 0.0]);
+    let field = |name: &str, offset, size| (name.to_owned(), offset, size);
+    let mut fields = vec![field("origin", 0, 12), field("edge", 12, 4), field("scale", 16, 4)];
+    fields.extend((0..3).map(|i| (format!("padding_{i}"), 20 + 4 * i, 4)));
+    Layout { fields, size: 32 }
 }
 
 /// The struct's own name, without the path that composition puts in front.
