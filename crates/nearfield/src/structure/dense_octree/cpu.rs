@@ -256,12 +256,7 @@ pub(super) fn cell_key(domain: &Domain, curve: Curve, layout: CellLayout, point:
 }
 
 /// Keys of the points in ascending order, and the points' indices in that order, ties by index.
-fn sorted_keys(
-    points: &[Vec3],
-    domain: &Domain,
-    curve: Curve,
-    layout: CellLayout,
-) -> Result<(Vec<u32>, Vec<u32>)> {
+fn sorted_keys(points: &[Vec3], domain: &Domain, curve: Curve, layout: CellLayout) -> Result<(Vec<u32>, Vec<u32>)> {
     let key = |&point: &Vec3| cell_key(domain, curve, layout, point);
     let mut keys: Vec<u32> = points.par_iter().with_min_len(TASK).map(key).collect();
     let mut order: Vec<u32> = (0..points.len() as u32).collect();

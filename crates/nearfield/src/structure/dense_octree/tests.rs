@@ -235,10 +235,9 @@ fn points_outside_a_given_domain_are_an_error_with_the_first() {
 #[test]
 fn points_that_are_not_finite_are_an_error() {
     let points = [Vec3::ZERO, Vec3::new(f32::NAN, 0.0, 0.0), Vec3::ONE];
-    for settings in [
-        DenseOctreeSettings::default(),
-        DenseOctreeSettings::default().domain(Domain::new(Vec3::ZERO, 1.0).unwrap()),
-    ] {
+    for settings in
+        [DenseOctreeSettings::default(), DenseOctreeSettings::default().domain(Domain::new(Vec3::ZERO, 1.0).unwrap())]
+    {
         let error = DenseOctree::build(&points, &settings).unwrap_err();
         assert!(matches!(error, Error::NonFinite { what: "points", count: 1, first: 1 }), "{error}");
     }
