@@ -1,7 +1,8 @@
 //! Orders of points (and later of triangles) that make searching them cheap.
 //!
 //! A structure on the CPU is points in some order, cut into packs of neighbours, and one method: which runs of that
-//! order can hold anything near a box. Every query is written once on top of that ([`CpuStructure`]).
+//! order can hold anything near a box. Every query is written once on top of that ([`CpuStructure`]). The
+//! [`dense_octree`] is a tree to compare with and answers questions of its own.
 
 use std::ops::Range;
 

@@ -21,6 +21,18 @@ const TASK: usize = 1 << 12;
 pub(super) const NO_NUMBER: u32 = u32::MAX;
 
 /// Points sorted along a curve under full arrays of cells, on the CPU.
+///
+/// ```
+/// use nearfield::{CellState, DenseOctree, DenseOctreeSettings, Domain, Vec3};
+///
+/// let settings = DenseOctreeSettings::with_levels(2).domain(Domain::new(Vec3::ZERO, 4.0)?);
+/// let tree = DenseOctree::build(&[Vec3::new(3.5, 1.5, 2.5)], &settings)?;
+/// let leaf = tree.locate(&[Vec3::new(3.1, 1.2, 2.8)])?[0].expect("the place is inside");
+/// assert_eq!((leaf.level(), leaf.key()), (2, 46)); // cell (3, 1, 2)
+/// assert_eq!(tree.state_of(leaf), CellState::OccupiedLeaf);
+/// assert_eq!(tree.n_nodes(), 17); // the root, its children, and the children of one of them
+/// # Ok::<(), nearfield::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct DenseOctree {
     pub(super) layout: CellLayout,
@@ -115,7 +127,7 @@ impl DenseOctree {
 
     /// Nodes of the tree: cells that are not null.
     pub fn n_nodes(&self) -> usize {
-        self.layout.len() - self.nulls_before[self.layout.len()] as usize
+        self.layout.cells() - self.nulls_before[self.layout.cells()] as usize
     }
 
     /// Places of the points in a cell, in [`DenseOctree::points`]; for a cell below the finest level, of those in the
@@ -287,8 +299,8 @@ fn cell_starts(keys: &[u32], layout: CellLayout) -> Result<Vec<u32>> {
 
 /// States of the cells of all levels: those of the finest by their points, the others from their eight children.
 fn pruned_states(starts: &[u32], layout: CellLayout) -> Result<Vec<CellState>> {
-    let mut states = with_room("the cells of a dense octree", layout.len())?;
-    states.resize(layout.len(), CellState::Null);
+    let mut states = with_room("the cells of a dense octree", layout.cells())?;
+    states.resize(layout.cells(), CellState::Null);
     let finest = &mut states[layout.level(layout.levels())];
     finest.par_iter_mut().zip(starts.par_windows(2)).with_min_len(TASK).for_each(|(state, places)| {
         *state = if places[0] < places[1] { CellState::OccupiedLeaf } else { CellState::EmptyLeaf };

@@ -51,7 +51,7 @@ impl GpuDenseOctree {
     /// allocated if the limit of the settings or of the context would be passed; `DeviceLost`.
     pub fn build(gpu: &Gpu, points: &[Vec3], settings: &DenseOctreeSettings) -> Result<Self> {
         let start = Instant::now();
-        check_memory(gpu, settings.layout()?, points.len(), settings.max_memory)?;
+        check_memory(gpu, settings, points.len(), (points.len() * size_of::<DevicePoint>()) as u64)?;
         let domain = settings.domain_of(points)?;
         let input = gpu.upload("points", &device_points(points, 0))?;
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
@@ -75,7 +75,7 @@ impl GpuDenseOctree {
         domain: &Domain,
         settings: &DenseOctreeSettings,
     ) -> Result<Self> {
-        check_memory(gpu, settings.layout()?, points.len(), settings.max_memory)?;
+        check_memory(gpu, settings, points.len(), 0)?;
         Self::from_input(gpu, points, domain, settings)
     }
 
@@ -95,8 +95,8 @@ impl GpuDenseOctree {
             points: gpu.buffer("sorted points", input.len())?,
             order: gpu.buffer("order of points", input.len())?,
             starts: gpu.buffer("starts of the finest cells", layout.finest() + 1)?,
-            states: gpu.buffer("states of cells", layout.len())?,
-            nulls_before: gpu.buffer("null cells before each", layout.len() + 1)?,
+            states: gpu.buffer("states of cells", layout.cells())?,
+            nulls_before: gpu.buffer("null cells before each", layout.cells() + 1)?,
             n_nodes: 0,
             stages: vec![],
         };
@@ -105,8 +105,8 @@ impl GpuDenseOctree {
         let stages = commands.run()?;
         let stage = |t: &StageTime| Some(BuildStage { name: t.name, milliseconds: t.milliseconds?, on_device: true });
         tree.stages = stages.iter().filter_map(stage).collect();
-        let nulls = gpu.read_range(&tree.nulls_before, layout.len()..layout.len() + 1)?[0];
-        tree.n_nodes = layout.len() - nulls as usize;
+        let nulls = gpu.read_range(&tree.nulls_before, layout.cells()..layout.cells() + 1)?[0];
+        tree.n_nodes = layout.cells() - nulls as usize;
         Ok(tree)
     }
 
@@ -118,10 +118,10 @@ impl GpuDenseOctree {
         let keys = gpu.buffer("keys of points", n)?;
         let sorted_keys = gpu.buffer("sorted keys", n)?;
         let counts = gpu.buffer("points of the finest cells", n_finest + 1)?;
-        let flags = gpu.buffer("null flags", layout.len())?;
+        let flags = gpu.buffer("null flags", layout.cells())?;
         let histogram = GpuHistogram::new(gpu, n_finest)?;
         let sort = GpuRadixSort::new(gpu, n)?;
-        let scan = GpuScan::new(gpu, layout.len())?;
+        let scan = GpuScan::new(gpu, layout.cells())?;
         let pipeline = |entry, bindings: &[Access]| self.pipeline(BUILD, entry, bindings, &self.hilbert());
         use Access::{Read, ReadWrite, Uniform};
 
@@ -153,9 +153,9 @@ impl GpuDenseOctree {
         commands.stage("count nulls").dispatch(
             &pipeline("flag_nulls", &[Uniform, Read, ReadWrite])?,
             &[(&own).into(), (&self.states).into(), (&flags).into()],
-            Workgroups::Covering(layout.len() as u64),
+            Workgroups::Covering(layout.cells() as u64),
         );
-        scan.record(commands, &flags, &self.nulls_before, layout.len())
+        scan.record(commands, &flags, &self.nulls_before, layout.cells())
     }
 
     fn hilbert(&self) -> [(&'static str, bool); 1] {
@@ -312,14 +312,14 @@ impl GpuDenseOctree {
 
     fn numbers_on_device(&self, walk: Walk) -> Result<Buffer<u32>> {
         let parameters = self.gpu.uniform("walk parameters", &[self.layout.levels(), 0, 0, 0])?;
-        let numbers = self.gpu.buffer("numbers of cells", self.layout.len())?;
+        let numbers = self.gpu.buffer("numbers of cells", self.layout.cells())?;
         let bindings = [Access::Uniform, Access::Read, Access::Read, Access::ReadWrite];
         let features = [("pre_order", walk == Walk::PreOrder)];
         let mut commands = self.gpu.commands("number cells");
         commands.dispatch(
             &self.pipeline(NUMBER, "number_cells", &bindings, &features)?,
             &[(&parameters).into(), (&self.states).into(), (&self.nulls_before).into(), (&numbers).into()],
-            Workgroups::Covering(self.layout.len() as u64),
+            Workgroups::Covering(self.layout.cells() as u64),
         );
         commands.submit()?;
         Ok(numbers)
@@ -335,7 +335,7 @@ impl GpuDenseOctree {
         commands.dispatch(
             &self.pipeline(NUMBER, "order_nodes", &bindings, &features)?,
             &[(&parameters).into(), (&self.states).into(), (&numbers).into(), (&nodes).into()],
-            Workgroups::Covering(self.layout.len() as u64),
+            Workgroups::Covering(self.layout.cells() as u64),
         );
         commands.submit()?;
         let node = |[bits, state]: [u32; 2]| {
@@ -361,11 +361,12 @@ fn state_of_word(word: u32) -> CellState {
     CellState::of_word(word).expect("the device should write states")
 }
 
-/// Checks the bytes of a build against the limits of settings and context.
-fn check_memory(gpu: &Gpu, layout: CellLayout, n_points: usize, max_memory: u64) -> Result<()> {
+/// Checks the bytes of a build, with those of its input if it is still to be uploaded, against the limits of settings and
+/// context.
+fn check_memory(gpu: &Gpu, settings: &DenseOctreeSettings, n_points: usize, input: u64) -> Result<()> {
     check_len("points", n_points)?;
-    let needed = DenseOctreeSettings::bytes_on_gpu(layout, n_points);
-    let available = gpu.memory_available().min(max_memory);
+    let needed = input + DenseOctreeSettings::bytes_on_gpu(settings.layout()?, n_points);
+    let available = gpu.memory_available().min(settings.max_memory);
     if needed > available {
         return Err(Error::OutOfDeviceMemory { what: "a dense octree".into(), needed, available });
     }

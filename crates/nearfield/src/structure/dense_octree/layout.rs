@@ -31,13 +31,8 @@ impl CellLayout {
     }
 
     /// Cells of all levels: (8^(k + 1) − 1) / 7.
-    pub fn len(self) -> usize {
+    pub fn cells(self) -> usize {
         first_of(self.levels + 1) as usize
-    }
-
-    /// Never: there is the root.
-    pub fn is_empty(self) -> bool {
-        false
     }
 
     /// Cells of the finest level: 8^k.
@@ -64,7 +59,7 @@ impl CellLayout {
     /// If there is none.
     #[inline]
     pub fn cell(self, place: usize) -> Octant {
-        assert!(place < self.len(), "place {place} should be one of {} cells", self.len());
+        assert!(place < self.cells(), "place {place} should be one of {} cells", self.cells());
         let (level, key) = level_and_key(place as u32);
         Octant::from_bits(1 << (3 * level) | u64::from(key)).expect("a level and a key should name an octant")
     }
@@ -100,7 +95,7 @@ impl CellLayout {
 
     /// Null cells that come before a cell in a walk: those of a prefix of each level.
     ///
-    /// - `nulls_before`: `[len + 1]` null cells before each place
+    /// - `nulls_before`: `[cells + 1]` null cells before each place
     /// - `before`: cells of each level before the cell in that walk
     #[inline]
     pub(super) fn nulls(self, nulls_before: &[u32], before: impl Fn(u32) -> u32) -> u32 {
@@ -151,7 +146,7 @@ mod tests {
             let layout = CellLayout::new(levels);
             let (mut post, mut pre) = (vec![], vec![]);
             walk(Octant::ROOT, levels, &mut post, &mut pre);
-            assert_eq!(post.len(), layout.len());
+            assert_eq!(post.len(), layout.cells());
             for (number, cell) in post.iter().enumerate() {
                 let (level, key) = (cell.level(), cell.key() as u32);
                 assert_eq!(layout.full_post_order(level, key), number as u32, "{cell:?} of {levels}");
@@ -171,7 +166,7 @@ mod tests {
     fn the_deepest_tree_fits_the_closed_forms() {
         let layout = CellLayout::new(8);
         let last = (1 << 24) - 1;
-        assert_eq!(layout.len(), 19_173_961);
+        assert_eq!(layout.cells(), 19_173_961);
         assert_eq!(layout.full_post_order(0, 0), 19_173_960);
         // The last cell of the finest level comes before its eight ancestors only.
         assert_eq!(layout.full_post_order(8, last), 19_173_960 - 8);
@@ -182,7 +177,7 @@ mod tests {
     fn places_and_cells_are_inverse() {
         for levels in [0, 1, 4, 8] {
             let layout = CellLayout::new(levels);
-            for place in (0..layout.len()).step_by(1 + layout.len() / 5000).chain([layout.len() - 1]) {
+            for place in (0..layout.cells()).step_by(1 + layout.cells() / 5000).chain([layout.cells() - 1]) {
                 let cell = layout.cell(place);
                 assert_eq!(layout.place(cell), Some(place));
                 assert!(layout.level(cell.level()).contains(&place));

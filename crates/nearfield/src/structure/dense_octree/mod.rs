@@ -22,7 +22,7 @@
 //! method only needs keys whose prefixes are the ancestors' keys; all levels lie in one array; any domain.
 //!
 //! Cost: memory by the cells, not by the points. On the CPU 5 bytes a cell and 4 more a cell of level k (163 MB at
-//! level 8), on the GPU 8 and 4 (220 MB, and 143 MB more while it is built), and 16 or 20 bytes a point; the build
+//! level 8), on the GPU 8 and 4 (220 MB, and 144 MB more while it is built), and 16 or 20 bytes a point; the build
 //! sorts n keys and reads every cell. Use it to compare with; for all else a tree of the occupied cells alone is smaller
 //! and has more levels.
 //!

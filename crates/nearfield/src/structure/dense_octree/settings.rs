@@ -92,15 +92,15 @@ impl DenseOctreeSettings {
         // Ordered points; keys, order, and the three pairs of columns of the sort.
         let points = (16 + 8 + 24) * n_points as u64;
         // States and nulls before; starts.
-        points + 5 * layout.len() as u64 + 4 * layout.finest() as u64
+        points + 5 * layout.cells() as u64 + 4 * layout.finest() as u64
     }
 
-    /// Bytes that a build on the GPU takes at once, apart from the tables of scan and sort.
+    /// Bytes that a build on the GPU takes at once beside its input, apart from the tables of scan and sort.
     #[cfg(feature = "gpu")]
     pub(super) fn bytes_on_gpu(layout: CellLayout, n_points: usize) -> u64 {
-        // Input, points and their indices; keys and order before and after the sort, its spare pair.
-        let points = (16 + 16 + 4 + 12 + 8) * n_points as u64;
+        // Points and their order; keys before and after the sort, and its spare pair.
+        let points = (16 + 4 + 8 + 8) * n_points as u64;
         // States, null flags and nulls before; counts and starts.
-        points + 12 * layout.len() as u64 + 8 * layout.finest() as u64
+        points + 12 * layout.cells() as u64 + 8 * layout.finest() as u64
     }
 }

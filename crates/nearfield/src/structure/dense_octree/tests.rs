@@ -171,7 +171,7 @@ fn planted_differences_are_found() {
     let place = |state: CellState| sound.states().iter().rposition(|&s| s == state).unwrap();
     assert!(found(&|t| t.states[place(CellState::EmptyLeaf)] = CellState::OccupiedLeaf));
     assert!(found(&|t| t.states[place(CellState::Null)] = CellState::EmptyLeaf));
-    assert!(found(&|t| t.nulls_before[t.layout.len()] -= 1));
+    assert!(found(&|t| t.nulls_before[t.layout.cells()] -= 1));
     assert!(found(&|t| {
         let middle = t.starts.iter().position(|&s| s > 100).unwrap();
         t.starts[middle] -= 1;

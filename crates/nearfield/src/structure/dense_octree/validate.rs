@@ -39,8 +39,8 @@ impl DenseOctree {
 
     /// Invariants 3 and 4.
     fn broken_states(&self) -> Option<String> {
-        if self.states.len() != self.layout.len() {
-            return Some(format!("3: {} states of {} cells", self.states.len(), self.layout.len()));
+        if self.states.len() != self.layout.cells() {
+            return Some(format!("3: {} states of {} cells", self.states.len(), self.layout.cells()));
         }
         for (place, &found) in self.states.iter().enumerate() {
             let cell = self.layout.cell(place);
