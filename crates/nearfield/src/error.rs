@@ -38,8 +38,11 @@ pub enum Error {
         value: f64,
     },
 
-    /// Points outside the domain that was given for them.
-    #[error("{count} of the {what} lie outside the domain, the first at index {first}; give a larger domain, or none")]
+    /// Coordinates outside the domain that was given for them.
+    #[error(
+        "{count} of the {what} lie outside the given domain, the first at index {first}; enlarge the domain, or leave it \
+         out to take the bounds of the points"
+    )]
     OutsideDomain {
         /// What was being read: "points".
         what: &'static str,

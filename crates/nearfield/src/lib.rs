@@ -40,6 +40,9 @@ pub use query::{
 pub use query::{
     ForEachOnDevice, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, SearchOnDevice, StructureChoice, Visitor,
 };
-pub use structure::{BruteForce, GridSettings, LinearOctree, OctreeNode, OctreeSettings, UniformGrid};
+pub use structure::{
+    BruteForce, CellState, DenseOctree, DenseOctreeSettings, GridSettings, LinearOctree, OctreeNode, OctreeSettings,
+    UniformGrid,
+};
 #[cfg(feature = "gpu")]
-pub use structure::{GpuBruteForce, GpuLinearOctree, GpuUniformGrid};
+pub use structure::{GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuUniformGrid};

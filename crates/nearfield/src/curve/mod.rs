@@ -4,17 +4,31 @@
 //! number on the curve; the first d·l bits of a key are the key of the cell's ancestor at level l, on both curves. So
 //! points sorted by key are points in the order of an octree's leaves, at every level at once ([`Octant`]).
 //!
-//! [`Domain`] brings points to cells: one subtraction and one multiplication, the same bits on every device.
+//! [`Domain`] brings points to cells: one subtraction and one multiplication, the same bits on every device. [`order`]
+//! puts points in the order of a curve.
+//!
+//! `morton.wesl`, `hilbert.wesl`, `octant.wesl` and `domain.wesl` are the same functions for kernels; `cells.wesl` has those
+//! that a kernel takes for either curve.
 //!
 //! Sources: Sagan1994 (curves), Ajmera2008 (Morton order, the octant relations on keys), Skilling2004 (Hilbert keys).
 
 mod domain;
+#[cfg(feature = "gpu")]
+mod gpu_curve;
+#[cfg(feature = "gpu")]
+mod gpu_octants;
 pub mod hilbert;
 pub mod morton;
 mod octant;
+mod order;
 
 pub use domain::Domain;
+#[cfg(feature = "gpu")]
+pub use gpu_curve::{Cell, GpuCurve, Key};
+#[cfg(feature = "gpu")]
+pub use gpu_octants::GpuOctants;
 pub use octant::Octant;
+pub use order::{mean_jump, order, order_in};
 
 use std::str::FromStr;
 

@@ -185,6 +185,11 @@ impl Gpu {
         self.inner.memory.used.load(Ordering::Relaxed)
     }
 
+    /// Bytes that buffers of this context may still take together, as far as its limit says; the device may have less.
+    pub fn memory_available(&self) -> u64 {
+        self.inner.memory.limit.load(Ordering::Relaxed).saturating_sub(self.memory_used())
+    }
+
     /// Largest number of bytes that buffers of this context held at once since the last call.
     pub fn take_memory_peak(&self) -> u64 {
         self.inner.memory.peak.swap(self.memory_used(), Ordering::Relaxed)

@@ -15,7 +15,7 @@ pub mod radix_sort;
 pub mod reduce;
 pub mod scan;
 #[cfg(feature = "gpu")]
-mod tile;
+pub(crate) mod tile;
 
 /// Length of chunks that give every thread of the pool about two, but at least `smallest`.
 pub(crate) fn chunk_len(len: usize, smallest: usize) -> usize {

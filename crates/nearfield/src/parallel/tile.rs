@@ -11,15 +11,15 @@ pub(super) const TILE: usize = 2048;
 /// Invocations of a workgroup; the twin of `WORKGROUP` in tile.wesl.
 pub(super) const WORKGROUP: u32 = 256;
 /// Indices stay below 2³² even one round of a grid behind the last element.
-pub(super) const MAX_LEN: usize = 1 << 31;
+pub(crate) const MAX_LEN: usize = 1 << 31;
 
 /// Parameters of a kernel: four words, as uniforms are read in units of 16 bytes.
-pub(super) type Parameters = [u32; 4];
+pub(crate) type Parameters = [u32; 4];
 
 /// The uniform buffers of a plan. Parameters repeat from one recording to the next while lengths stay the same; a new
 /// buffer costs more time on the host than the recording of its dispatch.
 #[derive(Debug)]
-pub(super) struct ParameterCache {
+pub(crate) struct ParameterCache {
     gpu: Gpu,
     known: Mutex<HashMap<Parameters, Buffer<Parameters>>>,
 }
@@ -28,12 +28,12 @@ impl ParameterCache {
     /// Entries kept; lengths that keep changing must not pile up.
     const MOST: usize = 64;
 
-    pub(super) fn new(gpu: &Gpu) -> Self {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
         Self { gpu: gpu.clone(), known: Mutex::default() }
     }
 
     /// A uniform buffer that holds `parameters` and is never written again.
-    pub(super) fn uniform(&self, parameters: Parameters) -> Result<Buffer<Parameters>> {
+    pub(crate) fn uniform(&self, parameters: Parameters) -> Result<Buffer<Parameters>> {
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(buffer) = known.get(&parameters) {
             return Ok(buffer.clone());
@@ -53,7 +53,7 @@ pub(super) fn check_capacity(what: &'static str, capacity: usize) -> Result<()> 
 }
 
 /// Checks the length of a recording against what its plan was made for.
-pub(super) fn check_len(what: &'static str, len: usize, limit: usize) -> Result<()> {
+pub(crate) fn check_len(what: &'static str, len: usize, limit: usize) -> Result<()> {
     if len <= limit {
         return Ok(());
     }
@@ -62,7 +62,7 @@ pub(super) fn check_len(what: &'static str, len: usize, limit: usize) -> Result<
 }
 
 /// Checks that a buffer holds at least `len` elements.
-pub(super) fn check_holds<T: DeviceElement>(buffer: &Buffer<T>, len: usize) -> Result<()> {
+pub(crate) fn check_holds<T: DeviceElement>(buffer: &Buffer<T>, len: usize) -> Result<()> {
     if buffer.len() >= len {
         return Ok(());
     }

@@ -1,7 +1,8 @@
 //! Orders of points (and later of triangles) that make searching them cheap.
 //!
 //! A structure on the CPU is points in some order, cut into packs of neighbours, and one method: which runs of that
-//! order can hold anything near a box. Every query is written once on top of that ([`CpuStructure`]).
+//! order can hold anything near a box. Every query is written once on top of that ([`CpuStructure`]). The
+//! [`dense_octree`] is a tree to compare with and answers questions of its own.
 
 use std::ops::Range;
 
@@ -10,6 +11,7 @@ use glam::Vec3;
 use crate::geometry::{Aabb, OrderedPoints, Period};
 
 pub mod brute_force;
+pub mod dense_octree;
 pub mod linear_octree;
 #[cfg(feature = "gpu")]
 mod on_gpu;
@@ -19,6 +21,8 @@ pub use brute_force::BruteForce;
 #[cfg(feature = "gpu")]
 pub use brute_force::GpuBruteForce;
 #[cfg(feature = "gpu")]
+pub use dense_octree::GpuDenseOctree;
+pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};
 pub use linear_octree::{GpuLinearOctree, OctreeBuilder};
 pub use linear_octree::{LinearOctree, OctreeNode, OctreeSettings};
 #[cfg(feature = "gpu")]
