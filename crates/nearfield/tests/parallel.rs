@@ -614,8 +614,12 @@ fn main() {
         gpu_trial("gpu_histogram_equals_the_loop", gpu_histogram_equals_the_loop),
         gpu_trial("gpu_compaction_equals_the_loop", gpu_compaction_equals_the_loop),
     ];
-    let methods =
-        [("ballot", RankMethod::Ballot), ("wide_ballot", RankMethod::WideBallot), ("counters", RankMethod::Counters)];
+    let methods = [
+        ("single_pass", RankMethod::SinglePass),
+        ("ballot", RankMethod::Ballot),
+        ("wide_ballot", RankMethod::WideBallot),
+        ("counters", RankMethod::Counters),
+    ];
     for (name, method) in methods {
         trials.push(gpu_trial(format!("gpu_sort_of_u32_by_{name}_equals_the_library_sort"), move |gpu| {
             gpu_sort_equals_the_library_sort::<u32>(gpu, method);
