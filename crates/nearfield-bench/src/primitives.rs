@@ -1,21 +1,31 @@
 //! Times of the array primitives: GPU scan, reduce and sort by device timestamps, CPU scan and sort by the clock.
 //! Every result is checked in the same run.
 
-use std::time::Instant;
+use std::ops::Range;
+use std::slice;
+use std::time::{Duration, Instant};
 
-use nearfield::gpu::{Commands, DeviceElement, Gpu};
-use nearfield::parallel::radix_sort::{GpuRadixSort, RankMethod, sort_pairs};
+use nearfield::gpu::{AdapterKind, Commands, DeviceElement, Gpu};
+use nearfield::parallel::radix_sort::{GpuRadixSort, RankMethod, SortKey, sort_pairs};
 use nearfield::parallel::reduce::{self, GpuBounds, GpuReduce};
 use nearfield::parallel::scan::{self, GpuScan};
 use nearfield::{Result, Vec3};
+use rayon::prelude::*;
 
-/// Timed runs of a row, after `WARM_UPS` others.
+/// Timed runs of a row, after `WARM_UPS` others; fewer where they take longer than `LONGEST`.
 const RUNS: usize = 20;
 const WARM_UPS: usize = 3;
+const LONGEST: Duration = Duration::from_secs(1);
 const LENGTHS: [usize; 2] = [1_000_000, 10_000_000];
+const SORT_LENGTHS: [usize; 5] = [1_000_000, 2_000_000, 5_000_000, 10_000_000, 100_000_000];
+/// The longest sort on devices that are no hardware.
+const LONGEST_SORT_IN_SOFTWARE: usize = 2_000_000;
+const METHODS: [RankMethod; 4] =
+    [RankMethod::SinglePass, RankMethod::Ballot, RankMethod::WideBallot, RankMethod::Counters];
 const SEED: u64 = 1;
 
-/// Prints the times of scan, reduce and sort of 1 M and 10 M elements on the device; the median of 20 runs.
+/// Prints the times of scan and reduce of 1 M and 10 M elements on the device, and of sorts of 1 M to 100 M pairs by
+/// every method; the median of 20 runs.
 ///
 /// # Errors
 /// What the device refuses; the first wrong result as `Device`.
@@ -28,13 +38,10 @@ pub fn run(gpu: &Gpu) -> Result<()> {
         }
         time_scan(gpu, n)?;
         time_reductions(gpu, n)?;
-        for method in [RankMethod::Ballot, RankMethod::WideBallot, RankMethod::Counters] {
-            // A device need not have every method.
-            if let Ok(plan) = GpuRadixSort::with_method(gpu, n, method) {
-                time_sort(gpu, &plan, n, 0..32)?;
-                time_sort(gpu, &plan, n, 0..22)?;
-            }
-        }
+    }
+    for n in SORT_LENGTHS {
+        time_sorts::<u32>(gpu, n, &[0..32, 0..30, 0..22])?;
+        time_sorts::<u64>(gpu, n, slice::from_ref(&(0..64)))?;
     }
     Ok(())
 }
@@ -46,23 +53,30 @@ pub fn run(gpu: &Gpu) -> Result<()> {
 pub fn run_on_cpu() -> Result<()> {
     println!("primitives on the CPU, {} threads, median of {RUNS} runs, microseconds", rayon::current_num_threads());
     for n in LENGTHS {
-        let keys = words(n);
+        let keys = words::<u32>(n);
         report("scan", n, median(|| clocked(|| drop(scan::exclusive(&keys))))?);
         for bits in [17, 22, 32] {
-            let time = median(|| {
-                let (mut keys, mut values) = (keys.clone(), (0..n as u32).collect());
-                let start = Instant::now();
-                sort_pairs(&mut keys, &mut values, 0..bits)?;
-                Ok(start.elapsed().as_secs_f64() * 1e6)
-            })?;
-            report(&format!("sort {bits} bits"), n, time);
+            time_sort_on_cpu(&keys, 0..bits)?;
         }
+        time_sort_on_cpu(&words::<u64>(n), 0..64)?;
     }
     Ok(())
 }
 
+fn time_sort_on_cpu<K: SortKey>(keys: &[K], bits: Range<u32>) -> Result<()> {
+    let n = keys.len();
+    let time = median(|| {
+        let (mut keys, mut values) = (keys.to_vec(), (0..n as u32).collect());
+        let start = Instant::now();
+        sort_pairs(&mut keys, &mut values, bits.clone())?;
+        Ok(start.elapsed().as_secs_f64() * 1e6)
+    })?;
+    report(&format!("sort u{} {} bits", K::BITS, bits.len()), n, time);
+    Ok(())
+}
+
 fn time_scan(gpu: &Gpu, n: usize) -> Result<()> {
-    let values: Vec<u32> = words(n).iter().map(|v| v % 100).collect();
+    let values: Vec<u32> = words::<u32>(n).iter().map(|v| v % 100).collect();
     let (input, output) = (gpu.upload("values", &values)?, gpu.buffer("sums", n + 1)?);
     let plan = GpuScan::new(gpu, n)?;
     let time = median(|| timed(gpu, |commands| plan.record(commands, &input, &output, n)))?;
@@ -75,7 +89,7 @@ fn time_scan(gpu: &Gpu, n: usize) -> Result<()> {
 
 fn time_reductions(gpu: &Gpu, n: usize) -> Result<()> {
     let plan = GpuReduce::new(gpu)?;
-    let values = words(n);
+    let values = words::<u32>(n);
     let (input, sum) = (gpu.upload("values", &values)?, gpu.buffer::<u64>("sum", 1)?);
     let time = median(|| timed(gpu, |commands| plan.record_sum(commands, &input, n, &sum)))?;
     check("sum", &gpu.read(&sum)?, &[reduce::sum(&values)])?;
@@ -98,19 +112,76 @@ fn time_reductions(gpu: &Gpu, n: usize) -> Result<()> {
     Ok(())
 }
 
-fn time_sort(gpu: &Gpu, plan: &GpuRadixSort<u32>, n: usize, bits: std::ops::Range<u32>) -> Result<()> {
-    let (mut keys, mut values) = (words(n), (0..n as u32).map(|i| i ^ 0x5555).collect::<Vec<_>>());
-    let source = [gpu.upload("keys", &keys)?, gpu.upload("values", &values)?];
-    let sorted = [gpu.buffer("sorted keys", n)?, gpu.buffer("sorted values", n)?];
-    let record = |commands: &mut Commands| {
-        plan.record_from(commands, &source[0], Some(&source[1]), &sorted[0], &sorted[1], n, bits.clone())
-    };
-    let time = median(|| timed(gpu, record))?;
-    sort_pairs(&mut keys, &mut values, bits.clone())?;
-    check("sort, keys", &gpu.read(&sorted[0])?, &keys)?;
-    check("sort, values", &gpu.read(&sorted[1])?, &values)?;
-    report(&format!("sort {} bits, {:?}", bits.len(), plan.method()), n, time);
+/// A key made of random bits.
+trait BenchKey: SortKey {
+    fn of_bits(bits: u64) -> Self;
+    fn wide(self) -> u64;
+}
+
+impl BenchKey for u32 {
+    fn of_bits(bits: u64) -> Self {
+        (bits >> 32) as u32
+    }
+
+    fn wide(self) -> u64 {
+        self.into()
+    }
+}
+
+impl BenchKey for u64 {
+    fn of_bits(bits: u64) -> Self {
+        bits
+    }
+
+    fn wide(self) -> u64 {
+        self
+    }
+}
+
+fn time_sorts<K: BenchKey>(gpu: &Gpu, n: usize, bit_ranges: &[Range<u32>]) -> Result<()> {
+    if (n * size_of::<K>()) as u64 > gpu.limits().binding_bytes {
+        println!("{n} keys of {} bits do not fit into a binding of this device", K::BITS);
+        return Ok(());
+    }
+    if gpu.kind() == AdapterKind::Software && n > LONGEST_SORT_IN_SOFTWARE {
+        return Ok(());
+    }
+    let keys = words::<K>(n);
+    let values: Vec<u32> = (0..n as u32).map(value_at).collect();
+    let source = (gpu.upload("keys", &keys)?, gpu.upload("values", &values)?);
+    let sorted = (gpu.buffer("sorted keys", n)?, gpu.buffer("sorted values", n)?);
+    for method in METHODS {
+        // A device need not have every method.
+        let Ok(plan) = GpuRadixSort::<K>::with_method(gpu, n, method) else { continue };
+        for bits in bit_ranges {
+            let record = |commands: &mut Commands| {
+                plan.record_from(commands, &source.0, Some(&source.1), &sorted.0, &sorted.1, n, bits.clone())
+            };
+            let time = median(|| timed(gpu, record))?;
+            check_sorted(&keys, bits, &gpu.read(&sorted.0)?, &gpu.read(&sorted.1)?)?;
+            report(&format!("sort u{} {} bits, {method:?}", K::BITS, bits.len()), n, time);
+        }
+    }
     Ok(())
+}
+
+/// The value of the pair at place i; its own inverse.
+fn value_at(i: u32) -> u32 {
+    i ^ 0x5555
+}
+
+/// Checks that the pairs ascend by key and then by their former place, and that they are those of before. Places that
+/// ascend among equal keys are all different, so that none is missing.
+fn check_sorted<K: BenchKey>(keys: &[K], bits: &Range<u32>, sorted_keys: &[K], sorted_values: &[u32]) -> Result<()> {
+    let mask = u64::MAX >> (u64::BITS - bits.len() as u32);
+    let place = |i: usize| value_at(sorted_values[i]);
+    let order = |i: usize| (sorted_keys[i].wide() >> bits.start & mask, place(i));
+    let same = |i: usize| keys.get(place(i) as usize) == Some(&sorted_keys[i]);
+    let right = |i: usize| same(i) && (i == 0 || order(i - 1) < order(i));
+    if sorted_values.len() == keys.len() && (0..keys.len()).into_par_iter().all(right) {
+        return Ok(());
+    }
+    Err(wrong_result("sort"))
 }
 
 /// Microseconds of one recording; by the clock of the host where the device has none.
@@ -134,32 +205,37 @@ fn median(mut run: impl FnMut() -> Result<f64>) -> Result<f64> {
     for _ in 0..WARM_UPS {
         run()?;
     }
-    let mut times = (0..RUNS).map(|_| run()).collect::<Result<Vec<f64>>>()?;
+    let (start, mut times) = (Instant::now(), vec![]);
+    while times.len() < RUNS && (times.is_empty() || start.elapsed() < LONGEST) {
+        times.push(run()?);
+    }
     times.sort_by(f64::total_cmp);
-    Ok(times[RUNS / 2])
+    Ok(times[times.len() / 2])
 }
 
 fn check<T: DeviceElement + PartialEq>(what: &str, found: &[T], expected: &[T]) -> Result<()> {
     if found == expected {
         return Ok(());
     }
+    Err(wrong_result(what))
+}
+
+fn wrong_result(what: &str) -> nearfield::Error {
     let message = "the result differs from that of the CPU".to_owned();
-    Err(nearfield::Error::Device { operation: what.to_owned(), message })
+    nearfield::Error::Device { operation: what.to_owned(), message }
 }
 
 fn report(what: &str, n: usize, microseconds: f64) {
-    println!("{what:28} {n:>11} {microseconds:>12.1} {:>9.2} G/s", n as f64 / microseconds * 1e-3);
+    println!("{what:30} {n:>11} {microseconds:>12.1} {:>9.2} G/s", n as f64 / microseconds * 1e-3);
 }
 
 /// Reproducible random words (SplitMix64).
-fn words(n: usize) -> Vec<u32> {
-    let mut state = SEED;
-    let mut next = || {
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = state;
+fn words<K: BenchKey>(n: usize) -> Vec<K> {
+    let word = |i: u64| {
+        let mut z = SEED.wrapping_add(0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(i + 1));
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z >> 32) as u32
+        K::of_bits(z ^ (z >> 31))
     };
-    (0..n).map(|_| next()).collect()
+    (0..n as u64).into_par_iter().map(word).collect()
 }

@@ -71,7 +71,8 @@ fn imports(source: &str) -> BTreeSet<String> {
 fn conditions(source: &str) -> BTreeSet<String> {
     let source = without_comments(source);
     let inside = source.split("@if(").skip(1).filter_map(|rest| rest.split(')').next());
-    inside.flat_map(|text| text.split(|c: char| !c.is_alphanumeric() && c != '_')).map(str::to_owned).collect()
+    let words = inside.flat_map(|text| text.split(|c: char| !c.is_alphanumeric() && c != '_'));
+    words.filter(|word| !word.is_empty()).map(str::to_owned).collect()
 }
 
 fn is_root(source: &str) -> bool {

@@ -46,6 +46,8 @@ pub struct GpuLimits {
     pub workgroups: u32,
     /// Smallest and largest subgroup, where subgroup operations can be used.
     pub subgroup: Option<(u32, u32)>,
+    /// Whether workgroups that have started are known to go on while others wait for them.
+    pub workgroups_progress: bool,
     /// Nanoseconds a timestamp tick, where stages can be timed on the device.
     pub timestamp_period: Option<f32>,
     /// Rounds that all loops of an invocation may take together, where the device ends them after a number: llvmpipe
@@ -53,6 +55,8 @@ pub struct GpuLimits {
     pub loop_rounds: Option<u32>,
 }
 
+/// PCI numbers of NVIDIA and AMD: their cards never take a workgroup off that has started.
+const PROGRESSING_VENDORS: [u32; 2] = [0x10de, 0x1002];
 /// Loop rounds that count as safe on software renderers.
 const SOFTWARE_LOOP_ROUNDS: u32 = 60_000;
 
@@ -130,6 +134,7 @@ impl Gpu {
             subgroup: features
                 .contains(wgpu::Features::SUBGROUP)
                 .then_some((info.subgroup_min_size, info.subgroup_max_size)),
+            workgroups_progress: kind == AdapterKind::Discrete && PROGRESSING_VENDORS.contains(&info.vendor),
             timestamp_period: features.contains(wgpu::Features::TIMESTAMP_QUERY).then(|| queue.get_timestamp_period()),
             loop_rounds: (kind == AdapterKind::Software).then_some(SOFTWARE_LOOP_ROUNDS),
         };

@@ -1,13 +1,17 @@
-//! The radix sort on the device: for every digit count, scan, scatter.
+//! The radix sort on the device: a survey of the keys, a plan, and a pass for every digit that varies.
 //!
-//! A pass counts the digits of each tile into a table `[digits × tiles]`, scans its rows, and moves every pair to the
-//! start of its digit plus the row's prefix of its tile plus its rank within the tile: three dispatches. Pairs go back
-//! and forth between two pairs of buffers.
+//! The survey reads the keys once. From it the device plans by itself which passes run and between which buffers, as
+//! pairs go back and forth between two pairs of them; kernels of a pass that does not run return at once.
+//!
+//! In the portable form a pass counts the digits of each tile into a table `[digits × tiles]`, scans its rows, and
+//! moves every pair to the start of its digit plus the row's prefix of its tile plus its rank within the tile: three
+//! dispatches. In the single-pass form the survey has counted the digits of all passes, and tiles tell each other their
+//! counts while they run: one dispatch, and keys are read once instead of twice.
 
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::{SortKey, check_bits, digits};
+use super::{SortKey, check_bits};
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
 use crate::parallel::tile::{ParameterCache, RowScan, WORKGROUP, check_capacity, check_holds, check_len};
 use crate::{Error, Result};
@@ -15,6 +19,9 @@ use crate::{Error, Result};
 /// How a workgroup ranks equal digits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RankMethod {
+    /// 8-bit digits; lanes find their equals by subgroup ballots of one word, or of four for subgroups of more than 32
+    /// lanes. Workgroups wait for each other, for a limited time: for devices on which those that have started go on.
+    SinglePass,
     /// 8-bit digits; lanes find their equals by subgroup ballots of one word.
     Ballot,
     /// As `Ballot` with ballots of four words, for subgroups of up to 128 lanes.
@@ -25,10 +32,16 @@ pub enum RankMethod {
 
 /// Most subgroups of a workgroup in scatter_ballot.wesl, and its workgroup memory.
 const MAX_SUBGROUPS: u32 = 8;
-const BALLOT_BYTES: u32 = 26 * 1024;
+const BALLOT_BYTES: u32 = 27 * 1024;
 /// Keys of one invocation, as in pass.wesl.
 const BALLOT_ITEMS: usize = 16;
 const COUNTER_ITEMS: usize = 8;
+/// Counts of the single-pass form have 30 bits.
+const MOST_IN_SINGLE_PASS: usize = (1 << 30) - 1;
+/// Workgroups of the survey: enough for any device, and few enough that adding up their counts is cheap.
+const SURVEY_WORKGROUPS: usize = 1024;
+/// Words of a step of the plan, as in pass.wesl.
+const STEP_WORDS: usize = 4;
 
 /// A plan for stable sorts of (key, u32 value) pairs on the device; keys are `u32` or `u64`.
 #[derive(Debug)]
@@ -37,21 +50,33 @@ pub struct GpuRadixSort<K: SortKey = u32> {
     capacity: usize,
     method: RankMethod,
     tile: usize,
-    count_digits: Arc<Pipeline>,
-    rows: RowScan,
+    survey_keys: Arc<Pipeline>,
+    make_plan: Arc<Pipeline>,
     scatter: Arc<Pipeline>,
-    scatter_indices: Arc<Pipeline>,
-    copy: Arc<Pipeline>,
-    copy_indices: Arc<Pipeline>,
+    /// What the portable form runs before it scatters.
+    counting: Option<(Arc<Pipeline>, RowScan)>,
+    /// Zero but while a sort runs.
+    survey: Buffer<u32>,
+    plan: Buffer<u32>,
+    /// Digit counts of tiles, or what tiles tell each other.
     table: Buffer<u32>,
-    totals: Buffer<u32>,
     spare_keys: Buffer<K>,
     spare_values: Buffer<u32>,
 }
 
+/// Where the pairs of a sort come from, as numbered in pass.wesl.
+#[derive(Clone, Copy, PartialEq)]
+enum Origin {
+    Own = 0,
+    Source = 2,
+    Indices = 3,
+}
+
 impl<K: SortKey> GpuRadixSort<K> {
-    /// A plan for up to `capacity` pairs, ranking by ballots where the device can. Its scratch
-    /// memory is a second pair of buffers, and 4 bytes for each digit and tile (3 % of the pairs with subgroups of 32 lanes).
+    /// A plan for up to `capacity` pairs, by the fastest method of the device.
+    ///
+    /// Its scratch memory is a second pair of buffers, and 4 bytes for each digit and tile: 1 byte a pair with subgroups
+    /// of 8 lanes, a quarter with 32.
     ///
     /// # Errors
     /// `TooMany` beyond 2³¹ pairs, `OutOfDeviceMemory`, `KernelRejected`.
@@ -59,7 +84,9 @@ impl<K: SortKey> GpuRadixSort<K> {
         // Half the passes win even with 8 lanes: 22 bits of 1 M keys on llvmpipe 0.46 s by ballots, 1.18 s by counters.
         let method = match gpu.limits().subgroup {
             Some((_, largest)) if ballot_workgroup(gpu).is_some() => {
-                if largest <= 32 {
+                if gpu.limits().workgroups_progress && capacity <= MOST_IN_SINGLE_PASS {
+                    RankMethod::SinglePass
+                } else if largest <= 32 {
                     RankMethod::Ballot
                 } else {
                     RankMethod::WideBallot
@@ -70,17 +97,24 @@ impl<K: SortKey> GpuRadixSort<K> {
         Self::with_method(gpu, capacity, method)
     }
 
-    /// As [`GpuRadixSort::new`] with a given method.
+    /// As [`GpuRadixSort::new`] with a given method. [`RankMethod::SinglePass`] is right on any device, but slow where
+    /// workgroups that have started do not go on.
     ///
     /// # Errors
-    /// `Unsupported` for ballots on a device without subgroup operations, with less than 26 KiB of workgroup memory, or
-    /// with more lanes than the method has; the other errors of [`GpuRadixSort::new`].
+    /// `Unsupported` for ballots on a device without subgroup operations, with less than 27 KiB of workgroup memory, or
+    /// with more lanes than the method has; `TooMany` for 2³⁰ pairs or more in a single pass; the other errors of
+    /// [`GpuRadixSort::new`].
     pub fn with_method(gpu: &Gpu, capacity: usize, method: RankMethod) -> Result<Self> {
+        let single_pass = method == RankMethod::SinglePass;
+        if single_pass {
+            check_len("pairs to sort in a single pass", capacity, MOST_IN_SINGLE_PASS)?;
+        }
         check_capacity("pairs to sort", capacity)?;
-        let (ballot, wide) = (method != RankMethod::Counters, K::BITS > u32::BITS);
-        let narrow = method == RankMethod::Ballot;
+        let ballot = method != RankMethod::Counters;
+        let few_lanes = gpu.limits().subgroup.is_some_and(|(_, largest)| largest <= 32);
+        let narrow = method == RankMethod::Ballot || (single_pass && few_lanes);
         let (workgroup, items) = if ballot {
-            let fits = |_: &u32| !narrow || gpu.limits().subgroup.is_some_and(|(_, largest)| largest <= 32);
+            let fits = |_: &u32| !narrow || few_lanes;
             let workgroup = ballot_workgroup(gpu).filter(fits).ok_or_else(|| Error::Unsupported {
                 what: format!("sorting by subgroup ballots ({method:?}) on {}", gpu.name()),
                 advice: "use GpuRadixSort::new, which picks a method that runs",
@@ -92,65 +126,49 @@ impl<K: SortKey> GpuRadixSort<K> {
         let tile = workgroup as usize * items;
         let n_tiles = capacity.div_ceil(tile);
         let radix = 1 << Self::widest(method);
+        let most_passes = 64 / Self::widest(method) as usize;
 
+        let features =
+            [("ballot", ballot), ("narrow", narrow), ("single_pass", single_pass), ("wide", K::BITS > u32::BITS)];
         let constants = [("WORKGROUP", f64::from(workgroup))];
-        let count = Kernel {
-            features: &[("ballot", ballot), ("wide", wide)],
-            constants: &constants,
-            ..Kernel::new(
-                "package::parallel::radix_sort::count_digits",
-                "count_digits",
-                &[Access::Uniform, Access::Read, Access::ReadWrite],
-                workgroup,
-            )
+        let pipeline = |stage: (&str, &str), bindings: &[Access], workgroup: u32, constants: &[(&str, f64)]| {
+            let kernel =
+                Kernel { features: &features, constants, ..Kernel::new(stage.0, stage.1, bindings, workgroup) };
+            gpu.pipeline(&kernel)
         };
-        let scatter = |values_are_indices: bool| {
-            let (module, constants): (_, &[_]) = if ballot {
-                ("package::parallel::radix_sort::scatter_ballot", &constants)
-            } else {
-                ("package::parallel::radix_sort::scatter", &[])
-            };
-            let bindings = [
-                Access::Uniform,
-                Access::Read,
-                Access::Read,
-                Access::Read,
-                Access::ReadWrite,
-                Access::ReadWrite,
-                Access::Read,
-            ];
-            gpu.pipeline(&Kernel {
-                features: &[
-                    ("ballot", ballot),
-                    ("wide", wide),
-                    ("narrow", narrow),
-                    ("values_are_indices", values_are_indices),
-                ],
-                constants,
-                ..Kernel::new(module, "scatter", &bindings[..7 - usize::from(values_are_indices)], workgroup)
-            })
+        let (read, write) = (Access::Read, Access::ReadWrite);
+        let surveys = [Access::Uniform, read, write, write];
+        let plans = [Access::Uniform, write, write];
+        let passes =
+            [Access::Uniform, read, if single_pass { write } else { read }, write, write, read, write, write, read];
+        let counts = [Access::Uniform, read, write, write, write, read];
+        let counting = || -> Result<_> {
+            let stage = ("package::parallel::radix_sort::count_digits", "count_digits");
+            Ok((pipeline(stage, &counts, workgroup, &constants)?, RowScan::new(gpu)?))
         };
-        let copy = |values_are_indices: bool| {
-            let bindings = [Access::Uniform, Access::Read, Access::ReadWrite, Access::ReadWrite, Access::Read];
-            let module = "package::parallel::radix_sort::copy_pairs";
-            gpu.pipeline(&Kernel {
-                features: &[("wide", wide), ("ballot", ballot), ("values_are_indices", values_are_indices)],
-                ..Kernel::new(module, "copy_pairs", &bindings[..5 - usize::from(values_are_indices)], WORKGROUP)
-            })
+        let scatter = if ballot {
+            pipeline(("package::parallel::radix_sort::scatter_ballot", "scatter"), &passes, workgroup, &constants)
+        } else {
+            pipeline(("package::parallel::radix_sort::scatter", "scatter"), &passes, workgroup, &[])
         };
+        let surveys = &surveys[..3 + usize::from(single_pass)];
         Ok(Self {
             parameters: ParameterCache::new(gpu),
             capacity,
             method,
             tile,
-            count_digits: gpu.pipeline(&count)?,
-            rows: RowScan::new(gpu)?,
-            scatter: scatter(false)?,
-            scatter_indices: scatter(true)?,
-            copy: copy(false)?,
-            copy_indices: copy(true)?,
-            table: gpu.buffer("digit counts of tiles", radix * n_tiles)?,
-            totals: gpu.buffer("digit counts", radix)?,
+            survey_keys: pipeline(
+                ("package::parallel::radix_sort::survey", "survey_keys"),
+                surveys,
+                workgroup,
+                &constants,
+            )?,
+            make_plan: pipeline(("package::parallel::radix_sort::plan", "make_plan"), &plans, WORKGROUP, &[])?,
+            scatter: scatter?,
+            counting: if single_pass { None } else { Some(counting()?) },
+            survey: gpu.upload("survey of sort keys", &vec![0; 2 + radix * most_passes])?,
+            plan: gpu.buffer("plan of a sort", (radix + STEP_WORDS) * most_passes)?,
+            table: gpu.buffer("digit counts of tiles", radix * (n_tiles + 1))?,
             spare_keys: gpu.buffer("spare sort keys", capacity)?,
             spare_values: gpu.buffer("spare sort values", capacity)?,
         })
@@ -163,21 +181,18 @@ impl<K: SortKey> GpuRadixSort<K> {
 
     /// Most bits of a digit.
     fn widest(method: RankMethod) -> u32 {
-        match method {
-            RankMethod::Ballot | RankMethod::WideBallot => 8,
-            RankMethod::Counters => 4,
-        }
+        if method == RankMethod::Counters { 4 } else { 8 }
     }
 
     /// Records the sort of the first `len` pairs in place: ascending by the bits `bits` of the key, pairs with equal
     /// bits in their former order.
     ///
-    /// With an odd number of digits (8 bits each, or 4: see [`RankMethod`]) the pairs are copied once more than with
-    /// [`GpuRadixSort::record_from`].
+    /// Where the number of digits that vary (8 bits each, or 4: see [`RankMethod`]) is odd, the pairs are moved once
+    /// more than with [`GpuRadixSort::record_from`].
     ///
     /// # Errors
-    /// `InvalidSetting` for bits beyond those of the key, `TooMany` if `len` passes the capacity, `LengthMismatch` if a buffer is
-    /// shorter, `OutOfDeviceMemory`.
+    /// `InvalidSetting` for bits beyond those of the key, `TooMany` if `len` passes the capacity, `LengthMismatch` if a
+    /// buffer is shorter, `OutOfDeviceMemory`.
     pub fn record(
         &self,
         commands: &mut Commands,
@@ -187,21 +202,12 @@ impl<K: SortKey> GpuRadixSort<K> {
         bits: Range<u32>,
     ) -> Result<()> {
         self.check(&[keys], &[values], len, &bits)?;
-        let passes = digits(&bits, Self::widest(self.method));
-        let own: [Bind; 2] = [keys.into(), values.into()];
-        let spare = [(&self.spare_keys).into(), (&self.spare_values).into()];
-        let odd = !passes.len().is_multiple_of(2);
-        if odd {
-            self.copy_pairs(commands, own.clone().map(Some), &spare, len)?;
-        }
-        for (number, &digit) in passes.iter().enumerate() {
-            let (from, to) = if (number % 2 == 0) == odd { (&spare, &own) } else { (&own, &spare) };
-            self.pass(commands, from.clone().map(Some), to, len, digit)?;
-        }
-        Ok(())
+        // Never read: the plan only stands where a source would.
+        let source = [(&self.plan).into(), (&self.plan).into()];
+        self.sort(commands, Origin::Own, source, [keys.into(), values.into()], len, &bits)
     }
 
-    /// As [`GpuRadixSort::record`] from other buffers, which are left alone: no copy for any number of digits.
+    /// As [`GpuRadixSort::record`] from other buffers, which are left alone.
     ///
     /// - `source_values`: `None` for the values 0, 1, 2 …, so that `values` becomes the order of the keys
     /// - `keys`, `values`: where the result goes; other buffers than the sources
@@ -220,20 +226,11 @@ impl<K: SortKey> GpuRadixSort<K> {
         bits: Range<u32>,
     ) -> Result<()> {
         self.check(&[source_keys, keys], &[source_values.unwrap_or(values), values], len, &bits)?;
-        let passes = digits(&bits, Self::widest(self.method));
-        let own: [Bind; 2] = [keys.into(), values.into()];
-        let spare = [(&self.spare_keys).into(), (&self.spare_values).into()];
-        let mut from = [Some(Bind::from(source_keys)), source_values.map(Bind::from)];
-        if passes.is_empty() {
-            return self.copy_pairs(commands, from, &own, len);
-        }
-        for (number, &digit) in passes.iter().enumerate() {
-            // The last pass goes to the result.
-            let to = if (passes.len() - number) % 2 == 1 { &own } else { &spare };
-            self.pass(commands, from, to, len, digit)?;
-            from = to.clone().map(Some);
-        }
-        Ok(())
+        let (origin, source_values) = match source_values {
+            Some(values) => (Origin::Source, values.into()),
+            None => (Origin::Indices, (&self.plan).into()),
+        };
+        self.sort(commands, origin, [source_keys.into(), source_values], [keys.into(), values.into()], len, &bits)
     }
 
     fn check(&self, keys: &[&Buffer<K>], values: &[&Buffer<u32>], len: usize, bits: &Range<u32>) -> Result<()> {
@@ -243,49 +240,57 @@ impl<K: SortKey> GpuRadixSort<K> {
         values.iter().try_for_each(|buffer| check_holds(buffer, len))
     }
 
-    /// One counting sort. Without source values, the values are the indices.
-    fn pass(
+    fn sort(
         &self,
         commands: &mut Commands,
-        [keys, values]: [Option<Bind>; 2],
-        to: &[Bind; 2],
+        origin: Origin,
+        source: [Bind; 2],
+        own: [Bind; 2],
         len: usize,
-        (shift, width): (u32, u32),
+        bits: &Range<u32>,
     ) -> Result<()> {
-        let n_tiles = len.div_ceil(self.tile);
-        if n_tiles == 0 {
+        let passes = self.passes(origin, bits);
+        if len == 0 || passes.is_empty() {
             return Ok(());
         }
-        let n_digits = 1usize << width;
-        let parameters = self.parameters.uniform([len as u32, n_tiles as u32, shift, n_digits as u32 - 1])?;
-        let workgroups = Workgroups::Count(n_tiles as u32);
-        let keys = keys.expect("a pass should have keys");
+        let whole = [len as u32, bits.start, bits.end - bits.start, origin as u32];
+        let whole = Bind::from(&self.parameters.uniform(whole)?);
+        let [survey, plan, table] = [&self.survey, &self.plan, &self.table].map(Bind::from);
+        let n_tiles = len.div_ceil(self.tile);
 
-        let bindings = [(&parameters).into(), keys.clone(), (&self.table).into()];
-        commands.dispatch(&self.count_digits, &bindings, workgroups.clone());
-        self.rows.record(commands, &self.table, &self.totals, n_digits, n_tiles)?;
-        let scatter = if values.is_some() { &self.scatter } else { &self.scatter_indices };
-        let mut bindings = vec![(&parameters).into(), (&self.table).into(), (&self.totals).into(), keys];
-        bindings.extend(to.iter().cloned());
-        bindings.extend(values);
-        commands.dispatch(scatter, &bindings, workgroups);
+        let keys = if origin == Origin::Own { &own[0] } else { &source[0] };
+        let mut bindings = vec![whole.clone(), keys.clone(), survey.clone()];
+        bindings.extend(self.counting.is_none().then(|| table.clone()));
+        let workgroups = Workgroups::Count(n_tiles.min(SURVEY_WORKGROUPS) as u32);
+        commands.dispatch(&self.survey_keys, &bindings, workgroups);
+        let planners = if self.counting.is_none() { passes.len() as u32 } else { 1 };
+        commands.dispatch(&self.make_plan, &[whole, survey, plan.clone()], Workgroups::Count(planners));
+
+        let [own_keys, own_values] = own;
+        let [source_keys, source_values] = source;
+        let (spare_keys, spare_values) = (Bind::from(&self.spare_keys), Bind::from(&self.spare_values));
+        let workgroups = Workgroups::Count(n_tiles as u32);
+        for (number, &(shift, width)) in passes.iter().enumerate() {
+            let n_digits = 1usize << width;
+            let pass = [len as u32, shift, n_digits as u32 - 1, number as u32];
+            let pass = Bind::from(&self.parameters.uniform(pass)?);
+            let keys = [&pass, &plan, &table, &own_keys, &spare_keys, &source_keys].map(Bind::clone);
+            if let Some((count_digits, rows)) = &self.counting {
+                commands.dispatch(count_digits, &keys, workgroups.clone());
+                rows.record(commands, &self.table, &self.plan, n_digits, n_tiles)?;
+            }
+            let pairs = [&keys[..], &[own_values.clone(), spare_values.clone(), source_values.clone()]].concat();
+            commands.dispatch(&self.scatter, &pairs, workgroups.clone());
+        }
         Ok(())
     }
 
-    fn copy_pairs(
-        &self,
-        commands: &mut Commands,
-        [keys, values]: [Option<Bind>; 2],
-        to: &[Bind; 2],
-        len: usize,
-    ) -> Result<()> {
-        let parameters = self.parameters.uniform([len as u32, 0, 0, 0])?;
-        let copy = if values.is_some() { &self.copy } else { &self.copy_indices };
-        let mut bindings = vec![(&parameters).into(), keys.expect("a copy should have keys")];
-        bindings.extend(to.iter().cloned());
-        bindings.extend(values);
-        commands.dispatch(copy, &bindings, Workgroups::Covering(len as u64));
-        Ok(())
+    /// The digits of the passes, and as many of no bits as plan.wesl counts on.
+    fn passes(&self, origin: Origin, bits: &Range<u32>) -> Vec<(u32, u32)> {
+        let mut passes = super::digits(bits, Self::widest(self.method));
+        let needs_another = if origin == Origin::Own { !passes.len().is_multiple_of(2) } else { passes.is_empty() };
+        passes.extend(needs_another.then_some((0, 0)));
+        passes
     }
 }
 
