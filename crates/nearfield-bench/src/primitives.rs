@@ -114,7 +114,7 @@ fn time_sort(gpu: &Gpu, plan: &GpuRadixSort, n: usize, bits: std::ops::Range<u32
 }
 
 /// Microseconds of one recording; by the clock of the host where the device has none.
-fn timed(gpu: &Gpu, record: impl Fn(&mut Commands) -> Result<()>) -> Result<f64> {
+pub(crate) fn timed(gpu: &Gpu, record: impl Fn(&mut Commands) -> Result<()>) -> Result<f64> {
     let mut commands = gpu.commands("primitive");
     commands.stage("primitive");
     record(&mut commands)?;
@@ -124,13 +124,13 @@ fn timed(gpu: &Gpu, record: impl Fn(&mut Commands) -> Result<()>) -> Result<f64>
     Ok(stages.first().and_then(|stage| stage.milliseconds).unwrap_or(on_host) * 1e3)
 }
 
-fn clocked(work: impl FnOnce()) -> Result<f64> {
+pub(crate) fn clocked(work: impl FnOnce()) -> Result<f64> {
     let start = Instant::now();
     work();
     Ok(start.elapsed().as_secs_f64() * 1e6)
 }
 
-fn median(mut run: impl FnMut() -> Result<f64>) -> Result<f64> {
+pub(crate) fn median(mut run: impl FnMut() -> Result<f64>) -> Result<f64> {
     for _ in 0..WARM_UPS {
         run()?;
     }
@@ -139,7 +139,7 @@ fn median(mut run: impl FnMut() -> Result<f64>) -> Result<f64> {
     Ok(times[RUNS / 2])
 }
 
-fn check<T: DeviceElement + PartialEq>(what: &str, found: &[T], expected: &[T]) -> Result<()> {
+pub(crate) fn check<T: DeviceElement + PartialEq>(what: &str, found: &[T], expected: &[T]) -> Result<()> {
     if found == expected {
         return Ok(());
     }
@@ -147,12 +147,12 @@ fn check<T: DeviceElement + PartialEq>(what: &str, found: &[T], expected: &[T]) 
     Err(nearfield::Error::Device { operation: what.to_owned(), message })
 }
 
-fn report(what: &str, n: usize, microseconds: f64) {
+pub(crate) fn report(what: &str, n: usize, microseconds: f64) {
     println!("{what:28} {n:>11} {microseconds:>12.1} {:>9.2} G/s", n as f64 / microseconds * 1e-3);
 }
 
 /// Reproducible random words (SplitMix64).
-fn words(n: usize) -> Vec<u32> {
+pub(crate) fn words(n: usize) -> Vec<u32> {
     let mut state = SEED;
     let mut next = || {
         state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);

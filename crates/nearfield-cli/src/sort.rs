@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use nearfield::curve::{mean_jump, order_in};
+use nearfield::curve::{mean_jump, order_in, order_in_plane};
 use nearfield::io::{Format, WriteOptions, write_atomically, write_cloud};
 use nearfield::{Curve, Domain, PointCloud};
 use serde_json::json;
@@ -25,8 +25,8 @@ use crate::sort_picture::{self, Sorted};
   nearfield sort ten.xyz --picture curve.png
 
 Points that follow each other in the file then lie close together in space. The curve runs through a cube at the
-smallest corner of the points, with 2^21 cells along each axis; points of one cell keep their order. Colours, normals and
-all attributes move with their points. Pictures of up to 500 points show their numbers.")]
+smallest corner of the points, with 2^21 cells along each axis; points of one cell keep their order. Points in a plane
+across an axis follow the curve in two dimensions. Colours, normals and all attributes move with their points. Pictures of up to 500 points show their numbers.")]
 pub(crate) struct SortArgs {
     /// Points: any file that `nearfield formats` lists, or - for standard input
     input: PathBuf,
@@ -92,7 +92,12 @@ pub(crate) fn run(args: &SortArgs, common: &Common) -> Result<(), Failure> {
     progress.step("sorting");
     let clock = Instant::now();
     let domain = Domain::of_bounds(&cloud.bounds());
-    let order = order_in(&cloud.points, args.curve, &domain).map_err(Failure::Search)?;
+    let plane = sort_picture::plane(&cloud.points);
+    let order = match plane {
+        Some(axes) => order_in_plane(&cloud.points, args.curve, &domain, axes),
+        None => order_in(&cloud.points, args.curve, &domain),
+    };
+    let order = order.map_err(Failure::Search)?;
     let milliseconds = clock.elapsed().as_secs_f64() * 1e3;
     let sorted = cloud.reordered(&order).map_err(Failure::Search)?;
     let jumps = [mean_jump(&cloud.points), mean_jump(&sorted.points)];
@@ -110,13 +115,15 @@ pub(crate) fn run(args: &SortArgs, common: &Common) -> Result<(), Failure> {
         write_atomically(path, args.force, |w| image.write_png(w)).map_err(Failure::writing)?;
     }
     drop(progress);
-    args.tell(&Summary { cloud: &sorted, domain, jumps, milliseconds, notes }, common)
+    let dimensions = if plane.is_some() { 2 } else { 3 };
+    args.tell(&Summary { cloud: &sorted, domain, dimensions, jumps, milliseconds, notes }, common)
 }
 
 /// What is worth saying.
 struct Summary<'a> {
     cloud: &'a PointCloud,
     domain: Domain,
+    dimensions: u32,
     jumps: [f64; 2],
     milliseconds: f64,
     notes: Vec<String>,
@@ -154,6 +161,7 @@ impl SortArgs {
             return print_json(&json!({
                 "points": points,
                 "curve": self.curve.name(),
+                "dimensions": summary.dimensions,
                 "domain_origin": origin.to_array(),
                 "domain_edge": summary.domain.edge(),
                 "mean_jump_before": summary.jumps[0],
@@ -166,7 +174,7 @@ impl SortArgs {
         let [x, y, z] = origin.to_array();
         let mut rows = vec![
             ("points", grouped(points)),
-            ("curve", self.curve.name().to_owned()),
+            ("curve", format!("{} in {} dimensions", self.curve, summary.dimensions)),
             ("domain", format!("cube of {} at {x} {y} {z}", summary.domain.edge())),
             ("mean jump", format!("{before} before, {after} after")),
             ("time", format!("sort {}", shown_ms(summary.milliseconds))),

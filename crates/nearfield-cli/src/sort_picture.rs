@@ -4,6 +4,7 @@ use glam::Vec3;
 use nearfield::curve::MAX_LEVEL;
 use nearfield::{Aabb, Curve, Domain};
 
+use crate::neighbors_picture::short;
 use crate::options::PictureSize;
 use crate::picture::{self, Bar, Image, Path, Scale, Scene, Square, Up};
 use crate::report::grouped;
@@ -28,6 +29,12 @@ pub(crate) struct Sorted<'a> {
     pub(crate) up: Option<Up>,
 }
 
+/// The axes of the plane that the points lie in, where it stands across another axis.
+pub(crate) fn plane(points: &[Vec3]) -> Option<[usize; 2]> {
+    let extent = Aabb::of_points(points).extent();
+    (extent.min_element() == 0.0).then(|| seen_axes(extent))
+}
+
 /// Draws the order: few points with their numbers and the squares that part them, more as a path, many by colour alone.
 pub(crate) fn draw(sorted: &Sorted<'_>, size: PictureSize) -> Image {
     let n = sorted.points.len();
@@ -36,7 +43,7 @@ pub(crate) fn draw(sorted: &Sorted<'_>, size: PictureSize) -> Image {
     let colors: Vec<[u8; 3]> = places.iter().map(|&place| scale.color(place)).collect();
     let extent = Aabb::of_points(sorted.points).extent();
     let title = format!("{}: {} points along the {} curve", sorted.name, grouped(n as u64), sorted.curve);
-    let jumps = sorted.jumps.map(|jump| format!("{}", jump as f32));
+    let jumps = sorted.jumps.map(|jump| short(jump as f32));
     let mut scene = Scene {
         points: sorted.points,
         colors: &colors,
@@ -107,6 +114,8 @@ mod tests {
         assert_eq!(seen_axes(Vec3::new(3.0, 2.0, 0.0)), [0, 1]);
         assert_eq!(seen_axes(Vec3::new(3.0, 0.0, 2.0)), [0, 2]);
         assert_eq!(seen_axes(Vec3::new(0.0, 3.0, 2.0)), [1, 2]);
+        assert_eq!(plane(&[Vec3::ONE, Vec3::new(1.0, 5.0, 2.0)]), Some([1, 2]));
+        assert_eq!(plane(&[Vec3::ONE, Vec3::new(1.5, 5.0, 2.0)]), None);
     }
 
     #[test]

@@ -30,11 +30,23 @@ fn points_are_written_along_the_curve() {
     ten(&folder);
     let told = folder.ok("sort ten.xyz -o sorted.xyz");
     assert_eq!(coordinates(&folder, "sorted.xyz"), Z.map(|[x, y]| [x.into(), y.into(), 0.0]));
-    for line in ["points      10\n", "curve       morton\n", "domain      cube of 3 at 0 0 0\n", "mean jump   "] {
+    for line in
+        ["points      10\n", "curve       morton in 2 dimensions\n", "domain      cube of 3 at 0 0 0\n", "mean jump   "]
+    {
         assert!(told.contains(line), "{line} in {told}");
     }
     folder.fails("sort ten.xyz -o sorted.xyz", 73, "--force");
     folder.ok("sort ten.xyz -o sorted.xyz --force -q");
+}
+
+#[test]
+fn points_in_a_plane_follow_the_curve_in_two_dimensions() {
+    let folder = Folder::new("sort-plane");
+    let square: String = (0..64).map(|i| format!("{} 7 {}\n", i % 8, i / 8)).collect();
+    fs::write(folder.path("square.xyz"), square).unwrap();
+    let found = folder.json("sort square.xyz --curve hilbert --json");
+    // From each cell to one that shares a side.
+    assert_eq!((&found["dimensions"], found["mean_jump_after"].as_f64()), (&Value::from(2), Some(1.0)), "{found}");
 }
 
 #[test]

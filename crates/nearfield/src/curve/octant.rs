@@ -79,7 +79,7 @@ impl Octant {
     /// The octant around this one; `None` for the root.
     #[inline(always)]
     pub fn parent(self) -> Option<Self> {
-        (self.0 != 1).then(|| Self(self.0 >> 3))
+        (self.0 != 1).then_some(Self(self.0 >> 3))
     }
 
     /// The octant at `level` that contains this one; `None` if this one's level is smaller.
