@@ -10,6 +10,7 @@ use nearfield::{Curve, Domain, PointCloud};
 use serde_json::json;
 
 use crate::exit::Failure;
+use crate::info;
 use crate::input::{Input, searchable};
 use crate::options::{Common, PictureSize};
 use crate::output;
@@ -171,11 +172,12 @@ impl SortArgs {
             }));
         }
         let [before, after] = summary.jumps.map(|jump| jump as f32);
-        let [x, y, z] = origin.to_array();
+        let decimals = info::decimals(summary.cloud);
+        let corner = origin.to_array().map(|v| info::shortest(v, decimals)).join(" ");
         let mut rows = vec![
             ("points", grouped(points)),
             ("curve", format!("{} in {} dimensions", self.curve, summary.dimensions)),
-            ("domain", format!("cube of {} at {x} {y} {z}", summary.domain.edge())),
+            ("domain", format!("cube of {} at {corner}", summary.domain.edge())),
             ("mean jump", format!("{before} before, {after} after")),
             ("time", format!("sort {}", shown_ms(summary.milliseconds))),
         ];
