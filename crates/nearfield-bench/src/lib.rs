@@ -1,9 +1,10 @@
-//! Measurements of Nearfield: the table of a device, the array primitives, and the experiments of the papers.
+//! Measurements of Nearfield: the table of a device, the array primitives, keys and octants, and the experiments of the papers.
 //!
 //! Every measurement checks its own answer in the same run and stops with an error where it is wrong, so that no fast
 //! but wrong answer is ever reported. Times are medians after a warm-up; device times are the device's timestamps.
 
 pub mod check;
+pub mod curve;
 pub mod device;
 pub mod grid;
 pub mod measure;

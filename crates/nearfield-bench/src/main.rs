@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
-use nearfield_bench::{Result, device, grid, primitives};
+use nearfield_bench::{Result, curve, device, grid, primitives};
 
 /// Measure Nearfield on this machine.
 #[derive(Parser)]
@@ -21,6 +21,12 @@ enum Command {
     Device(device::Arguments),
     /// The experiments of Accel on its uniform grid: CSV files, plots and claims
     Grid(grid::Arguments),
+    /// Times of keys along the curves and of relations between octants on one device
+    Curve {
+        /// auto, cpu, gpu, gpu:N or part of a device name
+        #[arg(long, default_value = "auto")]
+        device: DeviceChoice,
+    },
     /// Times of scan, reduce and sort on one device
     Primitives {
         /// auto, cpu, gpu, gpu:N or part of a device name
@@ -33,6 +39,10 @@ fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Command::Device(arguments) => device::run(&arguments),
         Command::Grid(arguments) => grid::run(&arguments),
+        Command::Curve { device } => match Machine::open(&device)?.device {
+            Device::Cpu => Ok(curve::run_on_cpu()?),
+            Device::Gpu(gpu) => Ok(curve::run(&gpu)?),
+        },
         Command::Primitives { device } => match Machine::open(&device)?.device {
             Device::Cpu => Ok(primitives::run_on_cpu()?),
             Device::Gpu(gpu) => Ok(primitives::run(&gpu)?),

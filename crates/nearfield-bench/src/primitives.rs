@@ -113,7 +113,7 @@ fn time_reductions(gpu: &Gpu, n: usize) -> Result<()> {
 }
 
 /// A key made of random bits.
-trait BenchKey: SortKey {
+pub(crate) trait BenchKey: SortKey {
     fn of_bits(bits: u64) -> Self;
     fn wide(self) -> u64;
 }
@@ -185,7 +185,7 @@ fn check_sorted<K: BenchKey>(keys: &[K], bits: &Range<u32>, sorted_keys: &[K], s
 }
 
 /// Microseconds of one recording; by the clock of the host where the device has none.
-fn timed(gpu: &Gpu, record: impl Fn(&mut Commands) -> Result<()>) -> Result<f64> {
+pub(crate) fn timed(gpu: &Gpu, record: impl Fn(&mut Commands) -> Result<()>) -> Result<f64> {
     let mut commands = gpu.commands("primitive");
     commands.stage("primitive");
     record(&mut commands)?;
@@ -195,13 +195,13 @@ fn timed(gpu: &Gpu, record: impl Fn(&mut Commands) -> Result<()>) -> Result<f64>
     Ok(stages.first().and_then(|stage| stage.milliseconds).unwrap_or(on_host) * 1e3)
 }
 
-fn clocked(work: impl FnOnce()) -> Result<f64> {
+pub(crate) fn clocked(work: impl FnOnce()) -> Result<f64> {
     let start = Instant::now();
     work();
     Ok(start.elapsed().as_secs_f64() * 1e6)
 }
 
-fn median(mut run: impl FnMut() -> Result<f64>) -> Result<f64> {
+pub(crate) fn median(mut run: impl FnMut() -> Result<f64>) -> Result<f64> {
     for _ in 0..WARM_UPS {
         run()?;
     }
@@ -213,7 +213,7 @@ fn median(mut run: impl FnMut() -> Result<f64>) -> Result<f64> {
     Ok(times[times.len() / 2])
 }
 
-fn check<T: DeviceElement + PartialEq>(what: &str, found: &[T], expected: &[T]) -> Result<()> {
+pub(crate) fn check<T: DeviceElement + PartialEq>(what: &str, found: &[T], expected: &[T]) -> Result<()> {
     if found == expected {
         return Ok(());
     }
@@ -225,12 +225,12 @@ fn wrong_result(what: &str) -> nearfield::Error {
     nearfield::Error::Device { operation: what.to_owned(), message }
 }
 
-fn report(what: &str, n: usize, microseconds: f64) {
+pub(crate) fn report(what: &str, n: usize, microseconds: f64) {
     println!("{what:30} {n:>11} {microseconds:>12.1} {:>9.2} G/s", n as f64 / microseconds * 1e-3);
 }
 
 /// Reproducible random words (SplitMix64).
-fn words<K: BenchKey>(n: usize) -> Vec<K> {
+pub(crate) fn words<K: BenchKey>(n: usize) -> Vec<K> {
     let word = |i: u64| {
         let mut z = SEED.wrapping_add(0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(i + 1));
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

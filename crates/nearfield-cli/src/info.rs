@@ -102,7 +102,7 @@ fn world_bounds(cloud: &PointCloud) -> [DVec3; 2] {
 }
 
 /// Decimals that offsets of this size can tell apart.
-fn decimals(cloud: &PointCloud) -> usize {
+pub(crate) fn decimals(cloud: &PointCloud) -> usize {
     let bounds = cloud.bounds();
     let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
     let step = f64::from(largest.next_up() - largest);
@@ -110,7 +110,7 @@ fn decimals(cloud: &PointCloud) -> usize {
 }
 
 /// A number with at most this many decimals, without zeros at the end.
-fn shortest(value: f64, decimals: usize) -> String {
+pub(crate) fn shortest(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let text = if decimals > 0 { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     if text == "-0" { "0".to_owned() } else { text.to_owned() }

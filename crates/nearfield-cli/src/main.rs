@@ -21,6 +21,8 @@ mod output;
 mod picture;
 mod progress;
 mod report;
+mod sort;
+mod sort_picture;
 mod spacing;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -58,6 +60,7 @@ enum Verb {
     Info(info::InfoArgs),
     Convert(convert::ConvertArgs),
     Generate(generate::GenerateArgs),
+    Sort(sort::SortArgs),
     Devices(devices::DevicesArgs),
     Formats(formats::FormatsArgs),
     Completions(completions::CompletionsArgs),
@@ -117,6 +120,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Info(args) => info::run(args, common),
         Verb::Convert(args) => convert::run(args, common),
         Verb::Generate(args) => generate::run(args, common),
+        Verb::Sort(args) => sort::run(args, common),
         Verb::Devices(args) => devices::run(args),
         Verb::Formats(args) => formats::run(args),
         Verb::Completions(args) => completions::run(args, Arguments::command()),
@@ -126,7 +130,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
 /// What is wrong with the command line, in one line.
 fn usage_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "say what to do: demo, neighbors, info, convert, generate, devices, formats or completions; \
+        return "say what to do: demo, neighbors, info, convert, generate, sort, devices, formats or completions; \
                 `nearfield --help` explains"
             .to_owned();
     }

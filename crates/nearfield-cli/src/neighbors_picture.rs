@@ -113,7 +113,7 @@ fn counts_line(found: &Found<'_>) -> String {
 }
 
 /// Four digits are enough for a title.
-fn short(length: f32) -> String {
+pub(crate) fn short(length: f32) -> String {
     let text = format!("{length:.3e}");
     // Through the number again: 2.500e-3 reads better as 0.0025.
     text.parse::<f64>().map_or(text, |rounded| {

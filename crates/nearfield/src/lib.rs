@@ -12,7 +12,7 @@
 //! # Ok::<(), nearfield::Error>(())
 //! ```
 //!
-//! The modules follow one direction: `io` → `geometry` → `structure` → `query`, with the services `parallel` and `gpu`.
+//! The modules follow one direction: `io` → `geometry` → `curve` → `structure` → `query`, with the services `parallel` and `gpu`.
 //! The ball is closed everywhere: a neighbour has d² ≤ r².
 
 pub mod curve;

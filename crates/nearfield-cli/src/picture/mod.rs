@@ -4,6 +4,7 @@
 
 mod camera;
 mod legend;
+mod path;
 mod shade;
 mod splat;
 mod text;
@@ -17,6 +18,7 @@ use crate::options::PictureSize;
 use camera::Camera;
 pub(crate) use camera::{Up, likely_up};
 pub(crate) use legend::{Bar, Scale};
+pub(crate) use path::{Path, Square, draw_path};
 
 /// Linear factor of the first drawing over the picture.
 const OVERSAMPLING: u32 = 2;

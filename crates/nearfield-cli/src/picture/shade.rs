@@ -19,8 +19,7 @@ pub(super) fn shaded(layers: &Layers, colors: &[[u8; 3]], factor: usize) -> Imag
     let smooth = smoothed(layers);
     let mut pixels = vec![[0; 3]; width * height];
     pixels.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
-        let t = row as f32 / height as f32;
-        let background = [0, 1, 2].map(|c| BACKGROUND[0][c] * (1.0 - t) + BACKGROUND[1][c] * t);
+        let background = background(row, height);
         for (column, out) in line.iter_mut().enumerate() {
             let mut sum = [0.0; 3];
             for y in row * factor..(row + 1) * factor {
@@ -33,6 +32,17 @@ pub(super) fn shaded(layers: &Layers, colors: &[[u8; 3]], factor: usize) -> Imag
         }
     });
     Image { width, height, pixels }
+}
+
+/// The picture with nothing on it.
+pub(super) fn empty(width: usize, height: usize) -> Image {
+    let row = |row| std::iter::repeat_n(background(row, height).map(|c| c.round() as u8), width);
+    Image { width, height, pixels: (0..height).flat_map(row).collect() }
+}
+
+fn background(row: usize, height: usize) -> [f32; 3] {
+    let t = row as f32 / height as f32;
+    [0, 1, 2].map(|c| BACKGROUND[0][c] * (1.0 - t) + BACKGROUND[1][c] * t)
 }
 
 fn color_at(layers: &Layers, smooth: &[f32], colors: &[[u8; 3]], x: usize, y: usize) -> Option<[f32; 3]> {

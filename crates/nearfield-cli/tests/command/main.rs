@@ -2,6 +2,7 @@
 
 mod failures;
 mod neighbors;
+mod sort;
 mod verbs;
 
 use std::fs;

@@ -28,7 +28,7 @@ pub use gpu_curve::{Cell, GpuCurve, Key};
 #[cfg(feature = "gpu")]
 pub use gpu_octants::GpuOctants;
 pub use octant::Octant;
-pub use order::{mean_jump, order, order_in};
+pub use order::{mean_jump, order, order_in, order_in_plane};
 
 use std::str::FromStr;
 

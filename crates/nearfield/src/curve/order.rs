@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Curve, Domain};
+use super::{Curve, Domain, MAX_LEVEL, hilbert, morton};
 use crate::Result;
 use crate::geometry::validate;
 use crate::parallel::{radix_sort, reduce};
@@ -26,8 +26,32 @@ pub fn order(points: &[Vec3], curve: Curve) -> Result<Vec<u32>> {
 /// # Errors
 /// As [`order`].
 pub fn order_in(points: &[Vec3], curve: Curve, domain: &Domain) -> Result<Vec<u32>> {
+    by_key(points, |point| domain.key_of(curve, point))
+}
+
+/// As [`order_in`], along the curve in two dimensions through `axes` (0 for x, 1 for y, 2 for z): for points in a plane, of
+/// which the curve in three dimensions would meet only a slice.
+///
+/// # Errors
+/// As [`order`].
+///
+/// # Panics
+/// If an axis is not below 3.
+pub fn order_in_plane(points: &[Vec3], curve: Curve, domain: &Domain, axes: [usize; 2]) -> Result<Vec<u32>> {
+    let encode = match curve {
+        Curve::Morton => morton::encode_2d_u64,
+        Curve::Hilbert => hilbert::encode_2d_u64,
+    };
+    by_key(points, |point| {
+        let cell = domain.cell_of(point);
+        // Level 0 of the domain is level 0 of the key, which has 31.
+        encode(axes.map(|axis| cell[axis] << (31 - MAX_LEVEL)))
+    })
+}
+
+fn by_key(points: &[Vec3], key: impl Fn(Vec3) -> u64 + Sync) -> Result<Vec<u32>> {
     validate::points(points)?;
-    let keys: Vec<u64> = points.par_iter().map(|&point| domain.key_of(curve, point)).collect();
+    let keys: Vec<u64> = points.par_iter().map(|&point| key(point)).collect();
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     // The sort is stable: by the low words first, then by the high ones.
     for (shift, bits) in [(0, 32), (32, 31)] {
@@ -63,6 +87,25 @@ mod tests {
         let expected = [[0, 0], [0, 1], [1, 0], [1, 1], [0, 2], [1, 3], [2, 0], [3, 1], [2, 3], [3, 3]];
         let points: Vec<Vec3> = expected.iter().rev().map(|&[x, y]| Vec3::new(x as f32, y as f32, 0.0)).collect();
         assert_eq!(order(&points, Curve::Morton).unwrap(), [9, 8, 7, 6, 5, 4, 3, 2, 1, 0]);
+    }
+
+    #[test]
+    fn in_a_plane_the_hilbert_curve_goes_from_neighbor_to_neighbor() {
+        for [x, y] in [[0, 1], [2, 0], [1, 2]] {
+            let at = |i: usize, j: usize| {
+                let mut point = Vec3::splat(-3.0);
+                (point[x], point[y]) = (i as f32, j as f32);
+                point
+            };
+            let points: Vec<Vec3> = (0..256).map(|i| at(i * 7 % 16, i / 16)).collect();
+            let domain = Domain::new(at(0, 0), 16.0).unwrap();
+            let order = order_in_plane(&points, Curve::Hilbert, &domain, [x, y]).unwrap();
+            let sorted: Vec<Vec3> = order.iter().map(|&i| points[i as usize]).collect();
+            assert_eq!(mean_jump(&sorted), 1.0, "axes {x} and {y}");
+            // A slice of the z-curve is the z-curve of the plane, where the axes keep their order.
+            let order = order_in_plane(&points, Curve::Morton, &domain, [x.min(y), x.max(y)]).unwrap();
+            assert_eq!(order, order_in(&points, Curve::Morton, &domain).unwrap(), "axes {x} and {y}");
+        }
     }
 
     #[test]
