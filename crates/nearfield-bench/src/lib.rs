@@ -8,6 +8,7 @@ pub mod curve;
 pub mod device;
 pub mod grid;
 pub mod measure;
+pub mod octree;
 pub mod plots;
 pub mod primitives;
 pub mod provenance;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
-use nearfield_bench::{Result, curve, device, grid, primitives};
+use nearfield_bench::{Result, curve, device, grid, octree, primitives};
 
 /// Measure Nearfield on this machine.
 #[derive(Parser)]
@@ -21,6 +21,8 @@ enum Command {
     Device(device::Arguments),
     /// The experiments of Accel on its uniform grid: CSV files, plots and claims
     Grid(grid::Arguments),
+    /// The charts of the poster on curves and octrees: CSV file, plots and a table
+    Octree(octree::Arguments),
     /// Times of keys along the curves and of relations between octants on one device
     Curve {
         /// auto, cpu, gpu, gpu:N or part of a device name
@@ -39,6 +41,7 @@ fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Command::Device(arguments) => device::run(&arguments),
         Command::Grid(arguments) => grid::run(&arguments),
+        Command::Octree(arguments) => octree::run(&arguments),
         Command::Curve { device } => match Machine::open(&device)?.device {
             Device::Cpu => Ok(curve::run_on_cpu()?),
             Device::Gpu(gpu) => Ok(curve::run(&gpu)?),

@@ -51,13 +51,9 @@ pub fn order_in_plane(points: &[Vec3], curve: Curve, domain: &Domain, axes: [usi
 
 fn by_key(points: &[Vec3], key: impl Fn(Vec3) -> u64 + Sync) -> Result<Vec<u32>> {
     validate::points(points)?;
-    let keys: Vec<u64> = points.par_iter().map(|&point| key(point)).collect();
+    let mut keys: Vec<u64> = points.par_iter().with_min_len(1 << 12).map(|&point| key(point)).collect();
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
-    // The sort is stable: by the low words first, then by the high ones.
-    for (shift, bits) in [(0, 32), (32, 31)] {
-        let mut words: Vec<u32> = order.par_iter().map(|&i| (keys[i as usize] >> shift) as u32).collect();
-        radix_sort::sort_pairs(&mut words, &mut order, 0..bits)?;
-    }
+    radix_sort::sort_pairs(&mut keys, &mut order, 0..63)?;
     Ok(order)
 }
 

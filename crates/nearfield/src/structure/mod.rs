@@ -44,6 +44,14 @@ pub struct BuildStage {
     pub on_device: bool,
 }
 
+#[cfg(feature = "gpu")]
+impl BuildStage {
+    /// A stage by the device's clock; `None` where it has none.
+    pub(crate) fn on_device(time: &crate::gpu::StageTime) -> Option<Self> {
+        Some(Self { name: time.name, milliseconds: time.milliseconds?, on_device: true })
+    }
+}
+
 /// What a structure gives the queries on the CPU.
 pub trait CpuStructure: Sync {
     /// Name of the structure, in lower case with hyphens.

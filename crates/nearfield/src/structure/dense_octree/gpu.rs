@@ -10,7 +10,7 @@ use super::cpu::Walk;
 use super::{CellLayout, CellState, DenseOctree, DenseOctreeSettings};
 use crate::curve::{Curve, Domain, Octant};
 use crate::geometry::{OrderedPoints, validate};
-use crate::gpu::{Access, Buffer, Commands, Gpu, Kernel, Pipeline, StageTime, Workgroups};
+use crate::gpu::{Access, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
 use crate::parallel::histogram::GpuHistogram;
 use crate::parallel::radix_sort::GpuRadixSort;
 use crate::parallel::scan::GpuScan;
@@ -103,8 +103,7 @@ impl GpuDenseOctree {
         let mut commands = gpu.commands("dense octree build");
         tree.record_build(&mut commands, input)?;
         let stages = commands.run()?;
-        let stage = |t: &StageTime| Some(BuildStage { name: t.name, milliseconds: t.milliseconds?, on_device: true });
-        tree.stages = stages.iter().filter_map(stage).collect();
+        tree.stages = stages.iter().filter_map(BuildStage::on_device).collect();
         let nulls = gpu.read_range(&tree.nulls_before, layout.cells()..layout.cells() + 1)?[0];
         tree.n_nodes = layout.cells() - nulls as usize;
         Ok(tree)
@@ -286,7 +285,15 @@ impl GpuDenseOctree {
     /// # Errors
     /// `OutOfDeviceMemory`, `OutOfMemory`, `DeviceLost`.
     pub fn post_order_numbers(&self) -> Result<Vec<u32>> {
-        self.gpu.read(&self.numbers_on_device(Walk::PostOrder)?)
+        self.gpu.read(&self.numbers_on_device(Walk::PostOrder)?.0)
+    }
+
+    /// As [`GpuDenseOctree::post_order_numbers`], left on the device, and the time it took.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn post_order_numbers_on_device(&self) -> Result<(Buffer<u32>, Vec<BuildStage>)> {
+        self.numbers_on_device(Walk::PostOrder)
     }
 
     /// Number of each cell in the pre-order walk `[cells of all levels]`; `u32::MAX` for cells that are null.
@@ -294,7 +301,7 @@ impl GpuDenseOctree {
     /// # Errors
     /// As [`GpuDenseOctree::post_order_numbers`].
     pub fn pre_order_numbers(&self) -> Result<Vec<u32>> {
-        self.gpu.read(&self.numbers_on_device(Walk::PreOrder)?)
+        self.gpu.read(&self.numbers_on_device(Walk::PreOrder)?.0)
     }
 
     /// The nodes in post-order `[n_nodes]`: children before their parent.
@@ -313,23 +320,23 @@ impl GpuDenseOctree {
         self.nodes(Walk::PreOrder)
     }
 
-    fn numbers_on_device(&self, walk: Walk) -> Result<Buffer<u32>> {
+    fn numbers_on_device(&self, walk: Walk) -> Result<(Buffer<u32>, Vec<BuildStage>)> {
         let parameters = self.gpu.uniform("walk parameters", &[self.layout.levels(), 0, 0, 0])?;
         let numbers = self.gpu.buffer("numbers of cells", self.layout.cells())?;
         let bindings = [Access::Uniform, Access::Read, Access::Read, Access::ReadWrite];
         let features = [("pre_order", walk == Walk::PreOrder)];
         let mut commands = self.gpu.commands("number cells");
-        commands.dispatch(
+        commands.stage("number cells").dispatch(
             &self.pipeline(NUMBER, "number_cells", &bindings, &features)?,
             &[(&parameters).into(), (&self.states).into(), (&self.nulls_before).into(), (&numbers).into()],
             Workgroups::Covering(self.layout.cells() as u64),
         );
-        commands.submit()?;
-        Ok(numbers)
+        let stages = commands.run()?.iter().filter_map(BuildStage::on_device).collect();
+        Ok((numbers, stages))
     }
 
     fn nodes(&self, walk: Walk) -> Result<Vec<(Octant, CellState)>> {
-        let numbers = self.numbers_on_device(walk)?;
+        let (numbers, _) = self.numbers_on_device(walk)?;
         let parameters = self.gpu.uniform("walk parameters", &[self.layout.levels(), 0, 0, 0])?;
         let nodes = self.gpu.buffer::<[u32; 2]>("nodes in order", self.n_nodes)?;
         let bindings = [Access::Uniform, Access::Read, Access::Read, Access::ReadWrite];

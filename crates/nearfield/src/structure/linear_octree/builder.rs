@@ -273,7 +273,6 @@ impl OctreeBuilder {
         let mut starts = gpu.read(&level_starts)?;
         starts.dedup();
         let layout = OctreeLayout::new(self.domain, self.settings.period, &bounds, [self.n_points, n_nodes]);
-        let stage = |t: &StageTime| Some(BuildStage { name: t.name, milliseconds: t.milliseconds?, on_device: true });
         Ok(GpuLinearOctree {
             layout_buffer: gpu.uniform("octree layout", &layout)?,
             gpu: gpu.clone(),
@@ -287,7 +286,7 @@ impl OctreeBuilder {
             pre_order,
             in_pre_order,
             post_order,
-            stages: stages.iter().filter_map(stage).collect(),
+            stages: stages.iter().filter_map(BuildStage::on_device).collect(),
         })
     }
 
@@ -364,7 +363,7 @@ impl OctreeBuilder {
             ],
             covering.clone(),
         );
-        commands.dispatch(
+        commands.stage("post-order").dispatch(
             &close_nodes,
             &[
                 (&parameters).into(),

@@ -28,6 +28,7 @@ mod effort;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod layout;
+mod locate;
 mod region;
 mod settings;
 #[cfg(test)]

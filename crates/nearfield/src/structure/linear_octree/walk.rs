@@ -1,14 +1,10 @@
-//! Walks over the nodes: by level, in pre-order, in post-order, down to a place, and over those that a region touches.
+//! Walks over the nodes: by level, in pre-order, in post-order, and over those that a region touches.
 
 use std::ops::Range;
-
-use glam::Vec3;
-use rayon::prelude::*;
 
 use super::LinearOctree;
 use super::layout::{NONE, OctreeNode};
 use super::region::CellRegion;
-use crate::curve::{MAX_LEVEL, Octant};
 
 impl LinearOctree {
     /// Number of levels: one more than the depth; 0 without points.
@@ -57,50 +53,6 @@ impl LinearOctree {
             node = nodes[leaf as usize].rope;
             Some(leaf)
         })
-    }
-
-    /// The node of an octant; `None` where the tree has none.
-    pub fn node_of(&self, octant: Octant) -> Option<u32> {
-        let deepest = self.deepest_around(octant)?;
-        (self.nodes()[deepest as usize].octant == octant).then_some(deepest)
-    }
-
-    /// The smallest node that contains the octant; `None` without points.
-    pub fn deepest_around(&self, octant: Octant) -> Option<u32> {
-        if self.nodes().is_empty() {
-            return None;
-        }
-        Some(self.descend(octant.first_key(), octant.level()))
-    }
-
-    /// The smallest node whose octant holds the point: a leaf, or the inner node whose child there has no points.
-    /// `None` for points outside the domain or not finite, and without points.
-    ///
-    /// Source: Ajmera2008, "location of the cell containing the queried point".
-    pub fn locate_at(&self, point: Vec3) -> Option<u32> {
-        if self.nodes().is_empty() || !self.domain().contains(point) {
-            return None;
-        }
-        Some(self.descend(self.domain().key_of(self.curve(), point), MAX_LEVEL))
-    }
-
-    /// As [`LinearOctree::locate_at`] for many points, [`NONE`] for no node.
-    pub fn locate(&self, points: &[Vec3]) -> Vec<u32> {
-        points.par_iter().with_min_len(1 << 10).map(|&point| self.locate_at(point).unwrap_or(NONE)).collect()
-    }
-
-    /// From the root to the smallest node on the way to a key.
-    fn descend(&self, key: u64, most_levels: u32) -> u32 {
-        let nodes = self.nodes();
-        let mut node = 0;
-        for level in 0..most_levels {
-            let index = (key >> (3 * (MAX_LEVEL - 1 - level)) & 7) as u32;
-            match nodes[node as usize].child(index) {
-                Some(child) => node = child,
-                None => break,
-            }
-        }
-        node
     }
 
     /// Appends the spans of points in the nodes that the region touches; touching spans become one.

@@ -141,9 +141,6 @@ impl GridBuilder {
         let mut commands = self.gpu.commands("uniform grid build");
         self.record(&mut commands, points, (&sorted, &ids), &starts)?;
         let stages = commands.run()?;
-        let stage = |t: &crate::gpu::StageTime| {
-            Some(BuildStage { name: t.name, milliseconds: t.milliseconds?, on_device: true })
-        };
         Ok(GpuUniformGrid {
             gpu: self.gpu.clone(),
             layout: self.layout,
@@ -152,7 +149,7 @@ impl GridBuilder {
             ids,
             starts,
             period: self.period,
-            stages: stages.iter().filter_map(stage).collect(),
+            stages: stages.iter().filter_map(BuildStage::on_device).collect(),
         })
     }
 
