@@ -2,6 +2,7 @@
 //! Every result is checked in the same run.
 
 use std::ops::Range;
+use std::slice;
 use std::time::{Duration, Instant};
 
 use nearfield::gpu::{AdapterKind, Commands, DeviceElement, Gpu};
@@ -40,7 +41,7 @@ pub fn run(gpu: &Gpu) -> Result<()> {
     }
     for n in SORT_LENGTHS {
         time_sorts::<u32>(gpu, n, &[0..32, 0..30, 0..22])?;
-        time_sorts::<u64>(gpu, n, &[0..64])?;
+        time_sorts::<u64>(gpu, n, slice::from_ref(&(0..64)))?;
     }
     Ok(())
 }

@@ -1,8 +1,10 @@
 //! Stable sorting of (key, value) pairs by a range of key bits: counting sorts of one digit after another, the lowest
 //! first (least significant digit radix sort). Keys are `u32` or `u64`, values `u32`.
 //!
-//! Only the bits asked for cost time: sort by as few as tell the keys apart. On the CPU a digit has up to 11 bits, on
-//! the GPU 8 where subgroups can vote and 4 elsewhere; digits share the bits evenly.
+//! Only the bits asked for cost time, and of those only digits that are not the same in every key. On the CPU a digit
+//! has up to 8 bits, and so it has on the GPU where subgroups can vote; elsewhere 4. Digits share the bits evenly.
+//!
+//! Source: Adinets2022 for the single-pass form on the GPU; the others scan digit counts of tiles (Blelloch1990).
 
 mod cpu;
 #[cfg(feature = "gpu")]
