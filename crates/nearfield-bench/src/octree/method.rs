@@ -71,7 +71,7 @@ impl Case {
             return Err(format!("wrong answer: {broken}").into());
         }
         let counted = points.len() <= LARGEST_ON_CPU;
-        let counts = if counted { tree.count(&FixedRadius::new(radius))?.counts } else { Vec::new() };
+        let counts = if counted { tree.count(&FixedRadius::new(radius))?.into_vec() } else { Vec::new() };
         let sum: u64 = counts.iter().map(|&count| u64::from(count)).sum();
         let in_domain = |p: &Vec3| domain.origin() + *p * domain.edge() * 0.999;
         Ok(Self {
@@ -137,7 +137,7 @@ fn on_cpu(case: &Case, chart: Chart, effort: Effort) -> Result<Measured> {
         }
         Chart::NearNeighbors => {
             let question = FixedRadius::new(case.radius);
-            repeat(effort, || Ok((case.tree.count(&question)?.counts, nothing())))?.1
+            repeat(effort, || Ok((case.tree.count(&question)?.into_vec(), nothing())))?.1
         }
         Chart::Locations => {
             let (nodes, measured) = repeat(effort, || Ok((case.tree.locate(&case.probes), nothing())))?;
@@ -239,7 +239,7 @@ fn with_transfers(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Resul
             let question = FixedRadius::new(case.radius);
             let counted = || {
                 let tree = GpuLinearOctree::build(gpu, &case.points, &case.settings())?;
-                Ok((tree.count(&question)?.counts, nothing()))
+                Ok((tree.count(&question)?.into_vec(), nothing()))
             };
             repeat(effort, counted)?.1
         }
@@ -296,8 +296,8 @@ fn check_tree(gpu: &Gpu, case: &Case, tree: &GpuLinearOctree) -> Result<()> {
 /// larger bounds them.
 fn check_counts(case: &Case, found: &[u32]) -> Result<()> {
     let ulps = case.radius * 4.0 * f32::EPSILON;
-    let fewest = case.tree.count(&FixedRadius::new(case.radius - ulps))?.counts;
-    let most = case.tree.count(&FixedRadius::new(case.radius + ulps))?.counts;
+    let fewest = case.tree.count(&FixedRadius::new(case.radius - ulps))?.into_vec();
+    let most = case.tree.count(&FixedRadius::new(case.radius + ulps))?.into_vec();
     let wrong = found.iter().enumerate().find(|(i, count)| !(fewest[*i]..=most[*i]).contains(count));
     match wrong {
         None => Ok(()),
