@@ -133,7 +133,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// Measures and prints one point of a chart; none where there is no GPU.
 fn point(machine: &Machine, gpu: Option<&Gpu>, case: &Case, chart: Chart, method: Method) -> Result<Option<Row>> {
     let effort = Effort {
-        warm_up: if method.on_gpu() { 0.3 } else { 0.0 },
+        warm_up: if method.on_gpu() { 1.0 } else { 0.0 },
         runs: if case.points.len() > 10_000_000 { 5 } else { 9 },
         seconds: if method.on_gpu() { 3.0 } else { 1.0 },
     };
