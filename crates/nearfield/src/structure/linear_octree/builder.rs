@@ -65,8 +65,9 @@ pub struct OctreeBuilder {
 /// Kernels and memory for keys of one width.
 #[derive(Debug)]
 struct Sorter<K: SortKey> {
-    /// Levels that count.
+    /// Levels that count, of those that the keys have.
     levels: u32,
+    key_levels: u32,
     unused_bits: u32,
     compute_keys: Arc<Pipeline>,
     gather_points: Arc<Pipeline>,
@@ -105,6 +106,7 @@ impl<K: SortKey> Sorter<K> {
             |module, entry, bindings: &[Access]| gpu.pipeline(&kernel(module, entry, &features, bindings, WORKGROUP));
         Ok(Self {
             levels,
+            key_levels,
             unused_bits: 3 * (key_levels - levels),
             compute_keys: pipeline(LEAVES, "compute_keys", &[Uniform, Uniform, Read, ReadWrite, ReadWrite])?,
             gather_points: pipeline(LEAVES, "gather_points", &[Uniform, Read, Read, ReadWrite, ReadWrite])?,
@@ -281,6 +283,7 @@ impl OctreeBuilder {
             points: sorted.points,
             ids: sorted.ids,
             sorted_levels: sorter.levels,
+            is_balanced: false,
             nodes,
             level_starts: starts,
             pre_order,
@@ -288,6 +291,73 @@ impl OctreeBuilder {
             post_order,
             stages: stages.iter().filter_map(BuildStage::on_device).collect(),
         })
+    }
+
+    /// Cuts leaves of `tree` until those that touch differ by at most one level.
+    fn balance<K: SortKey>(&self, sorter: &Sorter<K>, tree: &GpuLinearOctree) -> Result<GpuLinearOctree> {
+        let mut balanced: Option<GpuLinearOctree> = None;
+        loop {
+            let current = balanced.as_ref().unwrap_or(tree);
+            let (is_cut, any) = current.leaves_to_cut()?;
+            if let (false, Some(mut done)) = (any, balanced.take()) {
+                done.is_balanced = true;
+                return Ok(done);
+            }
+            // Without a leaf to cut this makes the same tree once more.
+            let current = balanced.as_ref().unwrap_or(tree);
+            balanced = Some(self.cut_leaves(sorter, current, &is_cut)?);
+        }
+    }
+
+    /// The tree with some of its leaves cut once.
+    fn cut_leaves<K: SortKey>(
+        &self,
+        sorter: &Sorter<K>,
+        tree: &GpuLinearOctree,
+        is_cut: &Buffer<u32>,
+    ) -> Result<GpuLinearOctree> {
+        use Access::{Read, ReadWrite, Uniform};
+        let (gpu, n) = (&self.gpu, self.n_points);
+        let features = [("wide", sorter.key_levels == MAX_LEVEL)];
+        let accesses = [Uniform, Read, Read, Read, ReadWrite];
+        let module = "package::structure::linear_octree::balance";
+        let count_cut_nodes = gpu.pipeline(&kernel(module, "count_cut_nodes", &features, &accesses, WORKGROUP))?;
+        let parameters = gpu.uniform("leaf parameters", &[n as u32, 0, sorter.levels, 0])?;
+        let summary: Buffer<OctreeSummary> = gpu.buffer("octree summary", 1)?;
+        let covering = Workgroups::Covering(n as u64);
+        let mut commands = gpu.commands("cut leaves");
+        // The points stand in order: so do their keys.
+        commands.stage("cut leaves").dispatch(
+            &sorter.compute_keys,
+            &[
+                (&parameters).into(),
+                (&self.domain_buffer).into(),
+                (&tree.points).into(),
+                (&summary).into(),
+                (&sorter.sorted_keys).into(),
+            ],
+            covering.clone(),
+        );
+        commands.dispatch(
+            &count_cut_nodes,
+            &[
+                (&tree.layout_buffer).into(),
+                (&tree.nodes).into(),
+                is_cut.into(),
+                (&sorter.sorted_keys).into(),
+                (&self.node_counts).into(),
+            ],
+            covering,
+        );
+        self.scan.record(&mut commands, &self.node_counts, &self.first_nodes, n)?;
+        commands.dispatch(
+            &sorter.summarize,
+            &[(&parameters).into(), (&self.first_nodes).into(), (&summary).into()],
+            Workgroups::Count(1),
+        );
+        let stages = commands.run()?;
+        let sorted = SortedPoints { points: tree.points.clone(), ids: tree.ids.clone() };
+        self.nodes(sorter, sorted, gpu.read(&summary)?[0], stages)
     }
 
     fn record_nodes<K: SortKey>(
@@ -377,6 +447,17 @@ impl OctreeBuilder {
         );
         Ok(())
     }
+}
+
+/// As [`super::LinearOctree::balanced`].
+pub(super) fn balanced(tree: &GpuLinearOctree) -> Result<GpuLinearOctree> {
+    let settings = OctreeSettings { domain: Some(tree.layout.domain), ..tree.settings };
+    let builder = OctreeBuilder::new(&tree.gpu, tree.points.len(), &settings)?;
+    if tree.sorted_levels <= NARROW_LEVELS {
+        return builder.balance(&builder.narrow, tree);
+    }
+    let wide = Sorter::<u64>::new(&tree.gpu, tree.points.len(), settings.curve, settings.max_level, MAX_LEVEL)?;
+    builder.balance(&wide, tree)
 }
 
 /// Query points on the device, sorted along the curve of a tree; points outside its domain count to the border.

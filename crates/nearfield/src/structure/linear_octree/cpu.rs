@@ -26,6 +26,7 @@ pub struct LinearOctree {
     pub(super) layout: OctreeLayout,
     pub(super) points: OrderedPoints,
     pub(super) sorted_levels: u32,
+    pub(super) is_balanced: bool,
     pub(super) nodes: Nodes,
     pub(super) packs: Vec<u32>,
     stages: Vec<BuildStage>,
@@ -63,7 +64,16 @@ impl LinearOctree {
         let layout = OctreeLayout::new(domain, settings.period, &bounds, [points.len(), nodes.nodes.len()]);
         let packs = packs(&nodes.nodes, points.len());
         stage("packs");
-        Ok(Self { settings: *settings, layout, points: ordered, sorted_levels, nodes, packs, stages })
+        Ok(Self {
+            settings: *settings,
+            layout,
+            points: ordered,
+            sorted_levels,
+            is_balanced: false,
+            nodes,
+            packs,
+            stages,
+        })
     }
 
     /// The tree of parts that were made elsewhere.
@@ -76,7 +86,20 @@ impl LinearOctree {
         nodes: Nodes,
     ) -> Self {
         let packs = packs(&nodes.nodes, points.len());
-        Self { settings, layout, points, sorted_levels, nodes, packs, stages: Vec::new() }
+        Self { settings, layout, points, sorted_levels, is_balanced: false, nodes, packs, stages: Vec::new() }
+    }
+
+    /// The same points with other nodes.
+    pub(super) fn with_nodes(self, nodes: Nodes) -> Self {
+        let packs = packs(&nodes.nodes, self.points.len());
+        let layout = OctreeLayout { n_nodes: nodes.nodes.len() as u32, ..self.layout };
+        Self { nodes, layout, packs, ..self }
+    }
+
+    /// The 63-bit key of the point at a place, zero behind the levels that points are sorted by.
+    pub(super) fn key_at(&self, place: usize) -> u64 {
+        let unused = 3 * (MAX_LEVEL - self.sorted_levels);
+        self.domain().key_of(self.curve(), self.points.position(place)) >> unused << unused
     }
 
     /// The settings it was built with.

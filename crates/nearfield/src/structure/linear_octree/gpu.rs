@@ -29,6 +29,7 @@ pub struct GpuLinearOctree {
     pub(super) points: Buffer<DevicePoint>,
     pub(super) ids: Buffer<u32>,
     pub(super) sorted_levels: u32,
+    pub(super) is_balanced: bool,
     pub(super) nodes: Buffer<OctreeNode>,
     pub(super) level_starts: Vec<u32>,
     pub(super) pre_order: Buffer<u32>,
@@ -90,6 +91,14 @@ impl GpuLinearOctree {
         &self.post_order
     }
 
+    /// As [`LinearOctree::balanced`], with the same tree to the bit.
+    ///
+    /// # Errors
+    /// `Unsupported` on software renderers for trees of more than 60,000 nodes; `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn balanced(&self) -> Result<Self> {
+        super::builder::balanced(self)
+    }
+
     /// The same tree on the host: a copy of everything.
     ///
     /// Points that came with indices of the caller's own keep them where they are a permutation of 0 … n − 1.
@@ -107,7 +116,9 @@ impl GpuLinearOctree {
         };
         let positions: Vec<Vec3> = points.iter().map(|p| Vec3::new(p[0], p[1], p[2])).collect();
         let ordered = OrderedPoints::in_order(&positions, ids);
-        Ok(LinearOctree::from_parts(self.settings, self.layout, ordered, self.sorted_levels, nodes))
+        let mut tree = LinearOctree::from_parts(self.settings, self.layout, ordered, self.sorted_levels, nodes);
+        tree.is_balanced = self.is_balanced;
+        Ok(tree)
     }
 }
 

@@ -14,11 +14,14 @@
 //! Invariants:
 //! 1. points are sorted by the first `3 · sorted_levels` bits of their key, ties by index; every point stands once;
 //! 2. the leaves' ranges of points tile the order, and a point's cell lies in its leaf;
-//! 3. a leaf holds at most `leaf_capacity` points, or is at the depth limit; an inner node holds more than that;
+//! 3. a leaf holds at most `leaf_capacity` points, or is at the depth limit; an inner node holds more than that, but for
+//!    trees that were balanced;
 //! 4. nodes stand in breadth-first order, each level along the curve; children of a node stand side by side;
 //! 5. parent, first child, child mask, ranges and ropes agree with each other;
 //! 6. pre- and post-order are permutations: in one a node comes before its descendants, in the other behind them.
 
+mod adjacency;
+mod balance;
 mod build;
 #[cfg(feature = "gpu")]
 mod builder;
@@ -36,6 +39,9 @@ mod tests;
 mod validate;
 mod walk;
 
+#[cfg(feature = "gpu")]
+pub use adjacency::GpuLeafNeighbors;
+pub use adjacency::{Contact, LeafNeighbors};
 #[cfg(feature = "gpu")]
 pub use builder::{OctreeBuilder, OctreeSummary};
 pub use cpu::LinearOctree;

@@ -14,11 +14,6 @@ impl LinearOctree {
             .or_else(|| self.broken_packs())
     }
 
-    fn key_of(&self, place: usize) -> u64 {
-        let unused = 63 - 3 * self.sorted_levels;
-        self.domain().key_of(self.curve(), self.points.position(place)) >> unused << unused
-    }
-
     fn broken_points(&self) -> Option<String> {
         let n = self.points.len();
         let mut seen = vec![false; n];
@@ -27,7 +22,7 @@ impl LinearOctree {
             if id >= n || std::mem::replace(&mut seen[id], true) {
                 return Some(format!("1: index {id} at place {i} is out of range or stands twice"));
             }
-            if i > 0 && (self.key_of(i - 1), self.points.id(i - 1)) >= (self.key_of(i), self.points.id(i)) {
+            if i > 0 && (self.key_at(i - 1), self.points.id(i - 1)) >= (self.key_at(i), self.points.id(i)) {
                 return Some(format!("1: places {} and {i} are not in order", i - 1));
             }
         }
