@@ -4,12 +4,10 @@
 mod support;
 
 use libtest_mimic::{Arguments, Trial};
-use nearfield::gpu::{Gpu, adapters};
+use nearfield::gpu::Gpu;
 use nearfield::structure::dense_octree::MOST_LEVELS;
-use nearfield::{
-    CellState, Curve, DenseOctree, DenseOctreeSettings, Domain, Error, GpuDenseOctree, Octant, Result, Vec3,
-};
-use support::{Random, gpu_trial, trial};
+use nearfield::{CellState, Curve, DenseOctree, DenseOctreeSettings, Domain, Error, GpuDenseOctree, Octant, Vec3};
+use support::{Random, gpu_trial, own_context, refuse_each, trial};
 
 const SEED: u64 = 20_261_124;
 
@@ -192,12 +190,6 @@ fn wrong_input_is_an_error(gpu: &Gpu) {
 
 // ---- memory ----
 
-/// A context of the test's own on the adapter of `gpu`.
-fn own_context(gpu: &Gpu) -> Gpu {
-    let adapter = adapters().into_iter().find(|a| a.name == gpu.name());
-    Gpu::open_adapter(&adapter.expect("the adapter of an open device should be listed")).unwrap()
-}
-
 fn memory_is_checked_before_it_is_asked_for(gpu: &Gpu) {
     let own = own_context(gpu);
     let points = cases().swap_remove(2).1;
@@ -229,28 +221,6 @@ fn memory_is_checked_before_it_is_asked_for(gpu: &Gpu) {
     let tree = build(3, u64::MAX).unwrap();
     let cpu = DenseOctree::build(&points, &settings(3, Curve::Morton)).unwrap();
     assert_eq!(difference(&tree.read().unwrap(), &cpu), None, "after the errors");
-}
-
-/// Runs `work` with every one of its allocations refused in turn: it gives the right answer or `OutOfDeviceMemory`, and
-/// keeps no memory.
-fn refuse_each<T>(gpu: &Gpu, case: &str, work: impl Fn() -> Result<T>, right: impl Fn(&T) -> bool) -> u32 {
-    let used = gpu.memory_used();
-    for n in 0.. {
-        gpu.refuse_allocation(Some(n));
-        let result = work();
-        let not_reached = gpu.refuse_allocation(None);
-        match &result {
-            Ok(answer) => assert!(right(answer), "{case}, allocation {n}"),
-            Err(Error::OutOfDeviceMemory { available: 0, .. }) => assert!(!not_reached, "{case}, allocation {n}"),
-            Err(error) => panic!("{case}, allocation {n} refused: {error}"),
-        }
-        drop(result);
-        assert_eq!(gpu.memory_used(), used, "{case}, allocation {n}: bytes left");
-        if not_reached {
-            return n;
-        }
-    }
-    unreachable!("there should be an end to allocations")
 }
 
 fn a_refused_allocation_is_an_error(gpu: &Gpu) {

@@ -11,6 +11,7 @@ use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
 use nearfield::query::Batch;
 use nearfield::structure::brute_force::BruteForceLayout;
+use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
 use nearfield::structure::uniform_grid::GridLayout;
 
 /// Module paths that kernels fill: with a structure's traversal, and with a visitor.
@@ -281,7 +282,22 @@ fn twins() -> BTreeMap<&'static str, Layout> {
     // An array of words there is single words here: arrays in uniforms have a stride of 16 bytes.
     let (_, offset, size) = batch.fields.pop().unwrap();
     batch.fields.extend((0..size / 4).map(|i| (format!("padding_{i}"), offset + 4 * i, 4)));
-    BTreeMap::from([("GridLayout", grid), ("Layout", brute_force), ("Batch", batch), ("Domain", domain())])
+    let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
+    BTreeMap::from([
+        ("OctreeLayout", octree),
+        ("GridLayout", grid),
+        ("Layout", brute_force),
+        ("Batch", batch),
+        ("Domain", domain()),
+    ])
+}
+
+/// Structs that stand in storage buffers.
+fn stored_twins() -> BTreeMap<&'static str, Layout> {
+    let node =
+        layout_of!(OctreeNode { low, level, first_point, end_point, first_child, rope, octant, parent, child_mask });
+    let summary = layout_of!(OctreeSummary { n_nodes, n_outside, first_outside, is_overfull });
+    BTreeMap::from([("OctreeNode", node), ("Summary", summary)])
 }
 
 /// The layout of a domain, whose fields are private: from where its values stand.
@@ -336,6 +352,22 @@ fn uniforms_have_the_bytes_of_their_twins() {
     for twin in twins().keys() {
         assert!(compared.contains(*twin), "{twin} was not compared: {compared:?}");
     }
+}
+
+#[test]
+fn stored_structs_have_the_bytes_of_their_twins() {
+    let twins = stored_twins();
+    let mut compared = BTreeSet::new();
+    for Variant { name, module } in variants() {
+        for (ty, definition) in module.types.iter() {
+            let own = own_name(definition.name.as_deref().unwrap_or_default()).to_owned();
+            if let (Some(twin), Some(found)) = (twins.get(own.as_str()), reflected(module, ty)) {
+                assert_eq!(found, *twin, "{name}: {own}");
+                compared.insert(own);
+            }
+        }
+    }
+    assert!(compared.iter().eq(twins.keys()), "{compared:?}");
 }
 
 #[test]
@@ -402,8 +434,7 @@ fn constant(module: &naga::Module, name: &str) -> Option<f32> {
 
 #[test]
 fn slacks_are_the_same_on_both_sides() {
-    let features = [("periodic", true), ("hashed", false)];
-    let composed = compose("package::structure::uniform_grid::layout", &[], &features, true).unwrap();
+    let composed = compose("package::geometry::distance", &[], &[], true).unwrap();
     let module = parse(&composed).unwrap();
     let slacks = [
         ("RADIUS_SLACK", RADIUS_SLACK),

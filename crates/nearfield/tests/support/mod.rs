@@ -10,7 +10,8 @@
 use std::sync::OnceLock;
 
 use libtest_mimic::{Failed, Trial};
-use nearfield::gpu::{AdapterKind, DeviceChoice, Gpu};
+use nearfield::gpu::{AdapterKind, DeviceChoice, Gpu, adapters};
+use nearfield::{Error, Result as NearfieldResult};
 
 /// The device of this process, opened at first use; why there is none otherwise.
 pub(crate) fn gpu() -> Result<&'static Gpu, &'static str> {
@@ -86,4 +87,37 @@ impl Random {
     pub(crate) fn unit(&mut self) -> f32 {
         (self.word() >> 8) as f32 / (1u32 << 24) as f32
     }
+}
+
+/// A context of the test's own on the adapter of `gpu`.
+pub(crate) fn own_context(gpu: &Gpu) -> Gpu {
+    let adapter = adapters().into_iter().find(|a| a.name == gpu.name());
+    Gpu::open_adapter(&adapter.expect("the adapter of an open device should be listed")).unwrap()
+}
+
+/// Runs `work` with every one of its allocations refused in turn: it gives the right answer or `OutOfDeviceMemory`, and
+/// keeps no memory.
+pub(crate) fn refuse_each<T>(
+    gpu: &Gpu,
+    case: &str,
+    work: impl Fn() -> NearfieldResult<T>,
+    right: impl Fn(&T) -> bool,
+) -> u32 {
+    let used = gpu.memory_used();
+    for n in 0.. {
+        gpu.refuse_allocation(Some(n));
+        let result = work();
+        let not_reached = gpu.refuse_allocation(None);
+        match &result {
+            Ok(answer) => assert!(right(answer), "{case}, allocation {n}"),
+            Err(Error::OutOfDeviceMemory { available: 0, .. }) => assert!(!not_reached, "{case}, allocation {n}"),
+            Err(error) => panic!("{case}, allocation {n} refused: {error}"),
+        }
+        drop(result);
+        assert_eq!(gpu.memory_used(), used, "{case}, allocation {n}: bytes left");
+        if not_reached {
+            return n;
+        }
+    }
+    unreachable!("there should be an end to allocations")
 }

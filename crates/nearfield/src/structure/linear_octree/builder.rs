@@ -293,36 +293,21 @@ impl OctreeBuilder {
         })
     }
 
-    /// Cuts leaves of `tree` until those that touch differ by at most one level.
-    fn balance<K: SortKey>(&self, sorter: &Sorter<K>, tree: &GpuLinearOctree) -> Result<GpuLinearOctree> {
-        let mut balanced: Option<GpuLinearOctree> = None;
-        loop {
-            let current = balanced.as_ref().unwrap_or(tree);
-            let (is_cut, any) = current.leaves_to_cut()?;
-            if let (false, Some(mut done)) = (any, balanced.take()) {
-                done.is_balanced = true;
-                return Ok(done);
-            }
-            // Without a leaf to cut this makes the same tree once more.
-            let current = balanced.as_ref().unwrap_or(tree);
-            balanced = Some(self.cut_leaves(sorter, current, &is_cut)?);
-        }
-    }
-
-    /// The tree with some of its leaves cut once.
-    fn cut_leaves<K: SortKey>(
+    /// The nodes of `tree` once these octants are cut.
+    fn cut<K: SortKey>(
         &self,
         sorter: &Sorter<K>,
         tree: &GpuLinearOctree,
-        is_cut: &Buffer<u32>,
+        octants: &Buffer<u64>,
     ) -> Result<GpuLinearOctree> {
         use Access::{Read, ReadWrite, Uniform};
         let (gpu, n) = (&self.gpu, self.n_points);
-        let features = [("wide", sorter.key_levels == MAX_LEVEL)];
+        let features = [("wide", sorter.key_levels == MAX_LEVEL), ("hilbert", self.settings.curve == Curve::Hilbert)];
         let accesses = [Uniform, Read, Read, Read, ReadWrite];
         let module = "package::structure::linear_octree::balance";
         let count_cut_nodes = gpu.pipeline(&kernel(module, "count_cut_nodes", &features, &accesses, WORKGROUP))?;
         let parameters = gpu.uniform("leaf parameters", &[n as u32, 0, sorter.levels, 0])?;
+        let cut_parameters = gpu.uniform("cut parameters", &[n as u32, 0, octants.len() as u32, 0])?;
         let summary: Buffer<OctreeSummary> = gpu.buffer("octree summary", 1)?;
         let covering = Workgroups::Covering(n as u64);
         let mut commands = gpu.commands("cut leaves");
@@ -341,9 +326,9 @@ impl OctreeBuilder {
         commands.dispatch(
             &count_cut_nodes,
             &[
-                (&tree.layout_buffer).into(),
+                (&cut_parameters).into(),
                 (&tree.nodes).into(),
-                is_cut.into(),
+                octants.into(),
                 (&sorter.sorted_keys).into(),
                 (&self.node_counts).into(),
             ],
@@ -357,7 +342,8 @@ impl OctreeBuilder {
         );
         let stages = commands.run()?;
         let sorted = SortedPoints { points: tree.points.clone(), ids: tree.ids.clone() };
-        self.nodes(sorter, sorted, gpu.read(&summary)?[0], stages)
+        let tree = self.nodes(sorter, sorted, gpu.read(&summary)?[0], stages)?;
+        Ok(GpuLinearOctree { is_balanced: true, ..tree })
     }
 
     fn record_nodes<K: SortKey>(
@@ -453,11 +439,12 @@ impl OctreeBuilder {
 pub(super) fn balanced(tree: &GpuLinearOctree) -> Result<GpuLinearOctree> {
     let settings = OctreeSettings { domain: Some(tree.layout.domain), ..tree.settings };
     let builder = OctreeBuilder::new(&tree.gpu, tree.points.len(), &settings)?;
+    let octants = tree.octants_to_cut()?;
     if tree.sorted_levels <= NARROW_LEVELS {
-        return builder.balance(&builder.narrow, tree);
+        return builder.cut(&builder.narrow, tree, &octants);
     }
     let wide = Sorter::<u64>::new(&tree.gpu, tree.points.len(), settings.curve, settings.max_level, MAX_LEVEL)?;
-    builder.balance(&wide, tree)
+    builder.cut(&wide, tree, &octants)
 }
 
 /// Query points on the device, sorted along the curve of a tree; points outside its domain count to the border.

@@ -91,14 +91,6 @@ impl GpuLinearOctree {
         &self.post_order
     }
 
-    /// As [`LinearOctree::balanced`], with the same tree to the bit.
-    ///
-    /// # Errors
-    /// `Unsupported` on software renderers for trees of more than 60,000 nodes; `OutOfDeviceMemory`, `DeviceLost`.
-    pub fn balanced(&self) -> Result<Self> {
-        super::builder::balanced(self)
-    }
-
     /// The same tree on the host: a copy of everything.
     ///
     /// Points that came with indices of the caller's own keep them where they are a permutation of 0 … n − 1.
