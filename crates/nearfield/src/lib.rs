@@ -12,9 +12,10 @@
 //! # Ok::<(), nearfield::Error>(())
 //! ```
 //!
-//! The modules follow one direction: `io` → `geometry` → `structure` → `query`, with the services `parallel` and `gpu`.
+//! The modules follow one direction: `io` → `geometry` → `curve` → `structure` → `query` → `application`, with the services `parallel` and `gpu`.
 //! The ball is closed everywhere: a neighbour has d² ≤ r².
 
+pub mod application;
 pub mod curve;
 pub mod error;
 pub mod geometry;
@@ -26,6 +27,7 @@ pub mod parallel;
 pub mod query;
 pub mod structure;
 
+pub use application::Partition;
 pub use curve::{Curve, Domain, Octant};
 pub use error::{Error, Result};
 pub use geometry::{Aabb, PointCloud, Ray, Sphere, TriMesh, Triangle};

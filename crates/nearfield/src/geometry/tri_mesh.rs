@@ -46,6 +46,11 @@ impl TriMesh {
         Triangle::new(a, b, c)
     }
 
+    /// The centroid of each triangle relative to `origin` `[triangles]`: a mesh as points.
+    pub fn centroids(&self) -> Vec<Vec3> {
+        (0..self.triangles.len()).map(|i| self.triangle(i).centroid()).collect()
+    }
+
     /// Bounds relative to `origin`.
     pub fn bounds(&self) -> Aabb {
         Aabb::of_points(&self.vertices)
@@ -66,5 +71,14 @@ mod tests {
         assert!(TriMesh::new(vec![Vec3::ZERO; 3], vec![[0, 1, 2]]).is_ok());
         let error = TriMesh::new(vec![Vec3::ZERO; 3], vec![[0, 1, 3]]).unwrap_err();
         assert!(error.to_string().contains("3 asked for, at most 2"));
+    }
+
+    #[test]
+    fn centroids_are_the_means_of_corners_in_the_order_of_triangles() {
+        let vertices = vec![Vec3::ZERO, Vec3::new(3.0, 0.0, 0.0), Vec3::new(0.0, 6.0, 0.0), Vec3::new(0.0, 0.0, -9.0)];
+        let mesh = TriMesh::new(vertices, vec![[0, 1, 2], [3, 0, 0], [1, 2, 3]]).unwrap();
+        let expected = [Vec3::new(1.0, 2.0, 0.0), Vec3::new(0.0, 0.0, -3.0), Vec3::new(1.0, 2.0, -3.0)];
+        assert_eq!(mesh.centroids(), expected);
+        assert!(TriMesh::default().centroids().is_empty());
     }
 }

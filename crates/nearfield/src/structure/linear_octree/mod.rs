@@ -19,6 +19,7 @@
 //! 5. parent, first child, child mask, ranges and ropes agree with each other;
 //! 6. pre- and post-order are permutations: in one a node comes before its descendants, in the other behind them.
 
+mod adjacency;
 mod build;
 #[cfg(feature = "gpu")]
 mod builder;
