@@ -124,7 +124,7 @@ fn devices_and_formats_are_listed() {
 #[test]
 fn help_has_an_example_for_each_subcommand() {
     let folder = Folder::new("help");
-    for verb in ["demo", "neighbors", "info", "convert", "generate", "devices", "formats", "completions"] {
+    for verb in ["demo", "neighbors", "octree", "info", "convert", "generate", "devices", "formats", "completions"] {
         let help = folder.ok(&format!("{verb} --help"));
         assert!(help.contains("Example") && help.contains(&format!("\n  nearfield {verb}")), "{verb}: {help}");
     }
