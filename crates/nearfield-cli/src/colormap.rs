@@ -30,6 +30,27 @@ pub(crate) fn distinct(number: u64) -> [u8; 3] {
     hsv(part(0), 0.45 + 0.45 * part(16), 0.75 + 0.25 * part(32))
 }
 
+/// Colours that are easy to tell apart on a dark background: neighbours in the list are far apart in hue.
+const FEW: [[u8; 3]; 12] = [
+    [78, 141, 214],
+    [255, 157, 60],
+    [89, 190, 97],
+    [232, 96, 98],
+    [176, 137, 219],
+    [240, 214, 84],
+    [102, 206, 205],
+    [240, 140, 196],
+    [176, 132, 104],
+    [178, 222, 124],
+    [200, 204, 212],
+    [120, 108, 190],
+];
+
+/// The colour of one thing among a few: far apart for the first twelve, then as [`distinct`].
+pub(crate) fn category(number: u32) -> [u8; 3] {
+    FEW.get(number as usize).copied().unwrap_or_else(|| distinct(number.into()))
+}
+
 /// Hue, saturation and value, each 0 … 1.
 fn hsv(hue: f32, saturation: f32, value: f32) -> [u8; 3] {
     [5.0, 3.0, 1.0].map(|n: f32| {
@@ -57,6 +78,16 @@ mod tests {
             let found = viridis(t);
             for c in 0..3 {
                 assert!(found[c].abs_diff(expected[c]) <= 6, "{t}: {found:?}, expected {expected:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_categories_are_far_apart() {
+        let apart = |a: [u8; 3], b: [u8; 3]| (0..3).map(|c| u32::from(a[c].abs_diff(b[c]))).sum::<u32>();
+        for a in 0..12 {
+            for b in 0..a {
+                assert!(apart(category(a), category(b)) > 60, "{a} and {b}");
             }
         }
     }

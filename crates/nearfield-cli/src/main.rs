@@ -16,6 +16,10 @@ mod input;
 mod lists;
 mod neighbors;
 mod neighbors_picture;
+mod octree;
+mod octree_file;
+mod octree_picture;
+mod octree_report;
 mod options;
 mod output;
 mod picture;
@@ -57,6 +61,7 @@ struct Arguments {
 enum Verb {
     Demo(demo::DemoArgs),
     Neighbors(Box<neighbors::NeighborsArgs>),
+    Octree(Box<octree::OctreeArgs>),
     Info(info::InfoArgs),
     Convert(convert::ConvertArgs),
     Generate(generate::GenerateArgs),
@@ -117,6 +122,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.verb {
         Verb::Demo(args) => demo::run(args, common),
         Verb::Neighbors(args) => neighbors::run(args, common),
+        Verb::Octree(args) => octree::run(args, common),
         Verb::Info(args) => info::run(args, common),
         Verb::Convert(args) => convert::run(args, common),
         Verb::Generate(args) => generate::run(args, common),
@@ -130,7 +136,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
 /// What is wrong with the command line, in one line.
 fn usage_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "say what to do: demo, neighbors, info, convert, generate, sort, devices, formats or completions; \
+        return "say what to do: demo, neighbors, info, convert, generate, sort, octree, devices, formats or completions; \
                 `nearfield --help` explains"
             .to_owned();
     }

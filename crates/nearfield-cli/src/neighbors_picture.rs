@@ -40,6 +40,7 @@ pub(crate) fn draw(found: &Found<'_>, color: Color, up: Up, size: PictureSize) -
         title: format!("{}: {} points, radius {}", found.name, grouped(found.points.len() as u64), short(found.radius)),
         subtitle: counts_line(found),
         bar: None,
+        swatches: vec![],
     };
     let (mut focus, mut sizes) = (vec![], vec![]);
     let mut colors: Vec<[u8; 3]> = match color {

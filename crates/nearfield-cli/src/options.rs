@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 use std::str::FromStr;
 
 use nearfield::geometry::Period;
-use nearfield::{Aabb, Vec3};
+use nearfield::{Aabb, DVec3, Vec3};
 
 use crate::exit::Failure;
 
@@ -148,6 +148,15 @@ pub(crate) fn period(text: &str) -> Result<Period, String> {
     Period::new(Vec3::new(x, y, z)).map_err(|e| e.to_string())
 }
 
+/// A place in the coordinates of a file.
+pub(crate) fn place(text: &str) -> Result<DVec3, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse::<f64>()).collect();
+    match numbers.as_deref() {
+        Ok(&[x, y, z]) if [x, y, z].iter().all(|c| c.is_finite()) => Ok(DVec3::new(x, y, z)),
+        _ => Err("expected three finite coordinates X,Y,Z in the unit of the file".to_owned()),
+    }
+}
+
 /// Width and height of a picture in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PictureSize {
@@ -201,6 +210,14 @@ mod tests {
         assert_eq!(period("1,0,2.5").unwrap().lengths(), Vec3::new(1.0, 0.0, 2.5));
         for text in ["1,2", "1,2,3,x", "1,2,-3", "a,b,c"] {
             assert!(period(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn places_are_three_finite_numbers() {
+        assert_eq!(place("637000.125, -3,1e-3"), Ok(DVec3::new(637_000.125, -3.0, 1e-3)));
+        for text in ["1,2", "1,2,3,4", "1,2,x", "1,2,nan", "1,2,inf", ""] {
+            assert!(place(text).is_err(), "{text}");
         }
     }
 

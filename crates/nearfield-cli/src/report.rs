@@ -169,12 +169,12 @@ pub(crate) fn print_json(value: &Value) -> Result<(), Failure> {
 }
 
 /// The shortest number that is this f32: 0.1 rather than the 0.10000000149 it is as an f64.
-fn shortest(value: f32) -> Value {
+pub(crate) fn shortest(value: f32) -> Value {
     json!(value.to_string().parse::<f64>().unwrap_or(f64::from(value)))
 }
 
 /// Microseconds are enough.
-fn rounded(milliseconds: f64) -> Value {
+pub(crate) fn rounded(milliseconds: f64) -> Value {
     json!((milliseconds * 1e3).round() / 1e3)
 }
 

@@ -183,6 +183,19 @@ pub enum Error {
     },
 }
 
+impl Error {
+    /// Whether another device might succeed where this one failed.
+    pub fn is_device_fault(&self) -> bool {
+        matches!(
+            self,
+            Self::OutOfDeviceMemory { .. }
+                | Self::DeviceLost { .. }
+                | Self::Device { .. }
+                | Self::KernelRejected { .. }
+        )
+    }
+}
+
 /// A malformed file: where, what was found, what was expected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}{}: {format}: found {found}, expected {expected}", .path.as_ref().map_or("input".to_owned(), |p| p.display().to_string()), .place)]

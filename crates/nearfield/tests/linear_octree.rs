@@ -206,8 +206,8 @@ fn wrong_input_is_an_error(gpu: &Gpu) {
 
 fn a_refused_allocation_is_an_error(gpu: &Gpu) {
     let own = own_context(gpu);
-    let points = cloud(CloudKind::Clustered, 3000, SEED).points;
-    let settings = OctreeSettings::default().leaf_capacity(2).curve(Curve::Hilbert);
+    let points = cloud(CloudKind::Clustered, 400, SEED).points;
+    let settings = OctreeSettings::default().leaf_capacity(1);
     let cpu = LinearOctree::build(&points, &settings).unwrap();
     assert_eq!(cpu.sorted_levels(), MAX_LEVEL, "both widths of keys should be tried");
     let build = || GpuLinearOctree::build(&own, &points, &settings);

@@ -8,6 +8,9 @@ const FAINT: [u8; 3] = [150, 158, 170];
 /// Width and longest height of the bar in pixels.
 const BAR: [usize; 2] = [18, 420];
 
+/// Height of a swatch with the space below it.
+const SWATCH_LINE: usize = 26;
+
 /// The colour bar: what its colours mean.
 #[derive(Debug, Clone)]
 pub(crate) struct Bar {
@@ -15,6 +18,15 @@ pub(crate) struct Bar {
     pub(crate) label: String,
     /// The values of its ends.
     pub(crate) scale: Scale,
+}
+
+/// What one colour stands for.
+#[derive(Debug, Clone)]
+pub(crate) struct Swatch {
+    /// A few words.
+    pub(crate) label: String,
+    /// The colour; `None` for a line of text.
+    pub(crate) color: Option<[u8; 3]>,
 }
 
 /// A range of values that colours are stretched over.
@@ -86,6 +98,26 @@ pub(super) fn draw(image: &mut Image, scene: &Scene<'_>) {
     text::draw(image, 30, 26 + 9 * big, &text::fitted(&scene.subtitle, 2, width), 2, FAINT);
     if let Some(bar) = &scene.bar {
         draw_bar(image, bar);
+    }
+    draw_swatches(image, &scene.swatches);
+}
+
+fn draw_swatches(image: &mut Image, swatches: &[Swatch]) {
+    let room = image.height.saturating_sub(SWATCH_LINE + 76 + 20) / SWATCH_LINE;
+    let (left, top) = (
+        image.width.saturating_sub(166),
+        (image.height + 60).saturating_sub(room.min(swatches.len()) * SWATCH_LINE) / 2,
+    );
+    for (line, swatch) in swatches.iter().take(room).enumerate() {
+        let y = top + line * SWATCH_LINE;
+        let Some(color) = swatch.color else {
+            text::draw(image, left, y, &text::fitted(&swatch.label, 2, 160), 2, FAINT);
+            continue;
+        };
+        for i in 0..18 * 16 {
+            image.blend((left + i % 18) as i64, (y + i / 18) as i64, color, 1.0);
+        }
+        text::draw(image, left + 26, y, &text::fitted(&swatch.label, 2, 136), 2, INK);
     }
 }
 

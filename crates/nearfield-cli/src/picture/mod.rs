@@ -8,6 +8,7 @@ mod path;
 mod shade;
 mod splat;
 mod text;
+mod tiles;
 
 use std::io::{self, Write};
 
@@ -17,8 +18,9 @@ use crate::options::PictureSize;
 
 use camera::Camera;
 pub(crate) use camera::{Up, likely_up};
-pub(crate) use legend::{Bar, Scale};
+pub(crate) use legend::{Bar, Scale, Swatch};
 pub(crate) use path::{Path, Square, draw_path};
+pub(crate) use tiles::{Tile, draw_tiles};
 
 /// Linear factor of the first drawing over the picture.
 const OVERSAMPLING: u32 = 2;
@@ -43,6 +45,8 @@ pub(crate) struct Scene<'a> {
     pub(crate) subtitle: String,
     /// The colour scale.
     pub(crate) bar: Option<Bar>,
+    /// Colours that stand for things rather than values, in place of the scale.
+    pub(crate) swatches: Vec<Swatch>,
 }
 
 /// Pixels, row by row from the top, red, green and blue.
@@ -65,13 +69,7 @@ struct Frame {
 pub(crate) fn draw(scene: &Scene<'_>, size: PictureSize) -> Image {
     let (width, height) = ((size.width * OVERSAMPLING) as usize, (size.height * OVERSAMPLING) as usize);
     let unit = OVERSAMPLING as f32;
-    let right = if scene.bar.is_some() { 160.0 } else { 30.0 };
-    let frame = Frame {
-        left: 30.0 * unit,
-        top: 76.0 * unit,
-        width: (size.width as f32 - 30.0 - right) * unit,
-        height: (size.height as f32 - 76.0 - 30.0) * unit,
-    };
+    let frame = frame(scene, size, unit);
     let focus = if scene.focus.is_empty() { scene.points } else { scene.focus };
     let camera = Camera::fitted(focus, scene.up, frame);
     // What the view does not reach for may show at the edges, but not under the text.
@@ -87,6 +85,21 @@ pub(crate) fn draw(scene: &Scene<'_>, size: PictureSize) -> Image {
     let mut image = shade::shaded(&layers, scene.colors, OVERSAMPLING as usize);
     legend::draw(&mut image, scene);
     image
+}
+
+/// Where the drawing goes: beside the legend and below the title. `unit` is the size of a pixel.
+fn frame(scene: &Scene<'_>, size: PictureSize, unit: f32) -> Frame {
+    let right = match (&scene.bar, scene.swatches.is_empty()) {
+        (_, false) => 180.0,
+        (Some(_), true) => 160.0,
+        (None, true) => 30.0,
+    };
+    Frame {
+        left: 30.0 * unit,
+        top: 76.0 * unit,
+        width: (size.width as f32 - 30.0 - right) * unit,
+        height: (size.height as f32 - 76.0 - 30.0) * unit,
+    }
 }
 
 impl Image {
@@ -133,6 +146,7 @@ mod tests {
             title: "title".into(),
             subtitle: String::new(),
             bar: None,
+            swatches: vec![],
         }
     }
 

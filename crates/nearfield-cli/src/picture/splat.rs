@@ -124,6 +124,7 @@ mod tests {
                 subtitle: title.clone(),
                 title,
                 bar: None,
+                swatches: vec![],
             };
             let layers = draw(&scene, &camera, frame, 100, 100);
             let at = camera.project(center).unwrap();

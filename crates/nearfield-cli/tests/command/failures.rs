@@ -36,6 +36,18 @@ fn wrong_commands_exit_with_2() {
         ("neighbors four.xyz -r 1 --queries four.xyz --exclude-self", "--exclude-self"),
         ("neighbors four.xyz -r 1 --json --output -", "standard output"),
         ("neighbors - -r 1", "--format"),
+        ("octree four.xyz --curve peano", "hilbert"),
+        ("octree four.xyz --parts 0", "1..=1048576"),
+        ("octree four.xyz --max-depth 22", "0..=21"),
+        ("octree four.xyz --radius 1", "--parts"),
+        ("octree four.xyz --parts 2 --radius -1", "radius"),
+        ("octree four.xyz --parts 2 --bytes-per-point 12", "--radius"),
+        ("octree four.xyz --locate 1,2", "three finite coordinates"),
+        ("octree four.xyz --locate 1,2,nan", "three finite coordinates"),
+        ("octree four.xyz --output tree.csv", ".npz"),
+        ("octree four.xyz --output -", ".npz"),
+        ("octree four.xyz --picture p.gif", ".png"),
+        ("octree four.xyz --json --picture -", "standard output"),
         ("convert four.xyz out.las", "LAS"),
         ("convert four.xyz out.doc", "doc"),
         ("generate blob -n 5 -o out.ply", "torus-mesh"),
@@ -83,12 +95,17 @@ fn bad_files_exit_with_65_and_say_where() {
 fn a_device_that_is_not_there_exits_with_69() {
     let folder = with_four("device");
     folder.fails("neighbors four.xyz -r 1 --device gpu:99", 69, "gpu:99");
+    folder.fails("octree four.xyz --device gpu:99", 69, "gpu:99");
     folder.fails("neighbors four.xyz -r 1 --device no-such-card", 69, "no-such-card");
     // Only `auto` falls back, and says so; `cpu` has nothing to say.
     let auto = folder.json("neighbors four.xyz -r 1 --device auto --json");
     let fell_back = auto["device"].as_str().unwrap().starts_with("cpu");
     assert_eq!(fell_back, auto["notes"].to_string().contains("the CPU did the work"), "{auto}");
     assert_eq!(folder.json("neighbors four.xyz -r 1 --device cpu --json")["notes"], serde_json::json!([]));
+    let auto = folder.json("octree four.xyz --device auto --json");
+    let fell_back = auto["device"].as_str().unwrap().starts_with("cpu");
+    assert_eq!(fell_back, auto["notes"].to_string().contains("the CPU did the work"), "{auto}");
+    assert_eq!(folder.json("octree four.xyz --device cpu --json")["notes"], serde_json::json!([]));
 }
 
 #[test]
@@ -98,6 +115,8 @@ fn files_are_replaced_only_by_force_and_stay_whole() {
         ("rows.csv", "neighbors four.xyz -r 1 --device cpu -o rows.csv"),
         ("rows.npz", "neighbors four.xyz -r 1 --device cpu -o rows.npz"),
         ("shot.png", "neighbors four.xyz -r 1 --device cpu --picture shot.png"),
+        ("tree.npz", "octree four.xyz --device cpu -o tree.npz"),
+        ("cells.png", "octree four.xyz --device cpu --picture cells.png"),
         ("out.ply", "convert four.xyz out.ply"),
         ("gen.ply", "generate line -n 5 -o gen.ply"),
         ("demo.png", "demo -n 100"),

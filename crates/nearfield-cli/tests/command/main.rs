@@ -2,6 +2,7 @@
 
 mod failures;
 mod neighbors;
+mod octree;
 mod sort;
 mod verbs;
 
@@ -83,6 +84,23 @@ fn with_four(name: &str) -> Folder {
     let folder = Folder::new(name);
     fs::write(folder.path("four.xyz"), FOUR).unwrap();
     folder
+}
+
+/// The GPU of the tests, as `--device` takes it. Without one the test is named as skipped, or fails where
+/// `NEARFIELD_REQUIRE_GPU` is 1.
+fn gpu_or_skip(test: &str) -> Option<String> {
+    let device = std::env::var("NEARFIELD_TEST_DEVICE").unwrap_or_else(|_| "gpu".to_owned());
+    let opened = device.parse().and_then(|choice| nearfield::Gpu::open(&choice));
+    if matches!(opened, Ok(Some(_))) {
+        return Some(device);
+    }
+    let required = std::env::var_os("NEARFIELD_REQUIRE_GPU").is_some_and(|v| v == "1");
+    assert!(!required, "{test}: no GPU like {device:?}: {:?}", opened.err());
+    if let Some(path) = std::env::var_os("NEARFIELD_SKIPPED") {
+        let mut file = fs::OpenOptions::new().append(true).create(true).open(path).unwrap();
+        writeln!(file, "{test}").unwrap();
+    }
+    None
 }
 
 /// Width and height of a PNG, after its signature is checked.

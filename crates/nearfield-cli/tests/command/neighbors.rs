@@ -42,7 +42,7 @@ fn neighbors_writes_rows_as_csv_to_files_and_standard_output() {
 
 /// The uncompressed arrays of an NPZ archive by name: (numpy type, raw values). Written from the two format
 /// specifications, apart from the library's own reader.
-fn npz_arrays(bytes: &[u8]) -> Vec<(String, String, Vec<u8>)> {
+pub(crate) fn npz_arrays(bytes: &[u8]) -> Vec<(String, String, Vec<u8>)> {
     let u16_at = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]) as usize;
     let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
     let end = (0..bytes.len() - 21).rev().find(|&at| bytes[at..].starts_with(b"PK\x05\x06")).unwrap();
@@ -58,7 +58,7 @@ fn npz_arrays(bytes: &[u8]) -> Vec<(String, String, Vec<u8>)> {
         assert!(array.starts_with(b"\x93NUMPY\x01"));
         let header_len = u16::from_le_bytes([array[8], array[9]]) as usize;
         let header = std::str::from_utf8(&array[10..10 + header_len]).unwrap();
-        let kind = header.split('\'').find(|part| part.starts_with('<')).unwrap().to_owned();
+        let kind = header.split('\'').find(|part| part.starts_with(['<', '|'])).unwrap().to_owned();
         arrays.push((name, kind, array[10 + header_len..].to_vec()));
         at += 46 + name_len + u16_at(at + 30) + u16_at(at + 32);
     }
@@ -127,7 +127,7 @@ fn a_periodic_axis_wraps() {
 }
 
 /// Pixels of a PNG as red, green and blue.
-fn png_pixels(path: &Path) -> Vec<[u8; 3]> {
+pub(crate) fn png_pixels(path: &Path) -> Vec<[u8; 3]> {
     let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(path).unwrap()));
     let mut reader = decoder.read_info().unwrap();
     let mut pixels = vec![0; reader.output_buffer_size().unwrap()];

@@ -43,7 +43,8 @@ pub enum Curve {
     /// Morton order, the z-curve: bits of the coordinates interleaved, x first. The cheapest key.
     #[default]
     Morton,
-    /// Hilbert's curve: neighbours on the curve are neighbours in space. Shorter jumps, smaller surfaces of parts.
+    /// Hilbert's curve: neighbours on the curve are neighbours in space. Shorter jumps, and on average smaller
+    /// surfaces of parts.
     Hilbert,
 }
 

@@ -133,7 +133,7 @@ impl Index {
                     let copy = || Substitute { points: points.to_vec(), structure, period, built: OnceLock::new() };
                     return Ok(Self { search, notes, substitute: auto.then(copy) });
                 }
-                Err(error) if auto && is_device_fault(&error) => notes.push(taken_over(gpu.name(), &error)),
+                Err(error) if auto && error.is_device_fault() => notes.push(taken_over(gpu.name(), &error)),
                 Err(error) => return Err(error),
             }
         }
@@ -149,7 +149,7 @@ impl Index {
     ) -> Result<(T, Vec<String>)> {
         let mut notes = self.notes.clone();
         match (ask(self.search.as_ref()), &self.substitute) {
-            (Err(error), Some(substitute)) if is_device_fault(&error) => {
+            (Err(error), Some(substitute)) if error.is_device_fault() => {
                 notes.push(taken_over(&self.search.device(), &error));
                 Ok((ask(substitute.search(question)?)?, notes))
             }
@@ -209,17 +209,6 @@ impl Substitute {
 /// The note on a GPU that the CPU replaced.
 fn taken_over(device: &str, error: &Error) -> String {
     format!("{device} could not be used ({error}); the CPU did the work")
-}
-
-/// Whether another device might succeed where this one failed.
-fn is_device_fault(error: &Error) -> bool {
-    matches!(
-        error,
-        Error::OutOfDeviceMemory { .. }
-            | Error::DeviceLost { .. }
-            | Error::Device { .. }
-            | Error::KernelRejected { .. }
-    )
 }
 
 impl NeighborSearch for Index {

@@ -39,7 +39,7 @@ pub struct OctreeLayout {
 pub(super) struct CellRegion {
     pub(super) low: [u32; 3],
     pub(super) high: [u32; 3],
-    /// The second intervals, where a period folds the region; empty (low above high) elsewhere.
+    /// The second intervals, where a period folds the region; elsewhere empty: from the largest number to zero.
     pub(super) second_low: [u32; 3],
     pub(super) second_high: [u32; 3],
 }
@@ -61,7 +61,7 @@ impl OctreeLayout {
     /// The cells that can hold a point within `radius` of the box `around`.
     #[inline]
     pub(super) fn region_near(&self, around: &Aabb, radius: f32) -> CellRegion {
-        let mut region = CellRegion { low: [0; 3], high: [0; 3], second_low: [1; 3], second_high: [0; 3] };
+        let mut region = CellRegion::between([0; 3], [0; 3]);
         let origin = self.domain.origin();
         for axis in 0..3 {
             let (low, high) = (around.min[axis], around.max[axis]);
@@ -98,7 +98,7 @@ impl OctreeLayout {
 impl CellRegion {
     /// The region of the cells between two, both included.
     pub(super) fn between(low: [u32; 3], high: [u32; 3]) -> Self {
-        Self { low, high, second_low: [1; 3], second_high: [0; 3] }
+        Self { low, high, second_low: [u32::MAX; 3], second_high: [0; 3] }
     }
 
     /// Whether a node has a cell of the region.
@@ -119,5 +119,50 @@ impl CellRegion {
             (low[axis] >= self.low[axis] && high[axis] <= self.high[axis])
                 || (low[axis] >= self.second_low[axis] && high[axis] <= self.second_high[axis])
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::curve::Octant;
+
+    /// The root, and the first and last octant of level 3.
+    fn nodes() -> [OctreeNode; 3] {
+        let node = |octant: Octant| OctreeNode {
+            low: octant.cell_range(Default::default())[0],
+            level: octant.level(),
+            octant,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        [Octant::ROOT, Octant::of_key(0, 3), Octant::of_key((1 << 63) - 1, 3)].map(node)
+    }
+
+    #[test]
+    fn a_region_without_a_period_has_one_interval_an_axis() {
+        let eighth = 1 << (MAX_LEVEL - 3);
+        let region = CellRegion::between([3 * eighth; 3], [5 * eighth; 3]);
+        assert_eq!(nodes().map(|node| region.overlaps(&node)), [true, false, false]);
+        assert_eq!(nodes().map(|node| region.contains(&node)), [false; 3]);
+        let corner = CellRegion::between([0; 3], [eighth - 1; 3]);
+        assert_eq!(nodes().map(|node| corner.overlaps(&node)), [true, true, false]);
+        assert_eq!(nodes().map(|node| corner.contains(&node)), [false, true, false]);
+    }
+
+    #[test]
+    fn a_ball_at_the_border_of_a_period_meets_both_ends() {
+        let bounds = Aabb::new(Vec3::ZERO, Vec3::ONE);
+        let layout =
+            |lengths| OctreeLayout::new(Domain::of_bounds(&bounds), Period::new(lengths).unwrap(), &bounds, [8, 8]);
+        let near = |layout: &OctreeLayout, at: Vec3| layout.region_near(&Aabb::new(at, at), 0.05);
+        let meets = |region: CellRegion| nodes().map(|node| region.overlaps(&node));
+        let corner = Vec3::splat(0.99);
+        assert_eq!(meets(near(&layout(Vec3::ZERO), corner)), [true, false, true]);
+        assert_eq!(meets(near(&layout(Vec3::ONE), corner)), [true, true, true]);
+        assert_eq!(meets(near(&layout(Vec3::ONE), corner + 7.0)), [true, true, true], "images of the centre count");
+        assert_eq!(meets(near(&layout(Vec3::ONE), Vec3::splat(0.5))), [true, false, false]);
+        // Points that lie over more than a period, and a ball larger than one, meet everything.
+        assert_eq!(meets(near(&layout(Vec3::splat(0.5)), Vec3::splat(0.3))), [true, true, true]);
+        assert_eq!(meets(near(&layout(Vec3::splat(0.08)), Vec3::splat(0.3))), [true, true, true]);
     }
 }

@@ -51,7 +51,7 @@ impl LinearOctree {
             let too_many = node.n_points() > capacity;
             if node.level > depth
                 || (node.is_leaf() && node.level < depth && too_many)
-                || (!node.is_leaf() && !too_many)
+                || (!node.is_leaf() && !too_many && !self.is_balanced)
             {
                 return Some(format!("3: node {i} at level {} holds {} points", node.level, node.n_points()));
             }
