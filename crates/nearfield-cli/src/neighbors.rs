@@ -48,7 +48,7 @@ pub(crate) struct NeighborsArgs {
     #[arg(long, value_name = "D", default_value = "auto")]
     device: DeviceChoice,
 
-    /// What to search in: auto, brute-force or uniform-grid
+    /// What to search in: auto, brute-force, uniform-grid or linear-octree
     #[arg(long, value_name = "S", default_value = "auto")]
     structure: StructureChoice,
 

@@ -45,6 +45,7 @@ pub(crate) fn draw(sorted: &Sorted<'_>, size: PictureSize) -> Image {
     let title = format!("{}: {} points along the {} curve", sorted.name, grouped(n as u64), sorted.curve);
     let jumps = sorted.jumps.map(|jump| short(jump as f32));
     let mut scene = Scene {
+        swatches: Vec::new(),
         points: sorted.points,
         colors: &colors,
         sizes: &[],

@@ -8,7 +8,9 @@ use glam::Vec3;
 use super::{Counts, FixedRadius, Nearest, NeighborSearch, Neighbors, Stage};
 use crate::geometry::Period;
 use crate::gpu::{AdapterKind, DeviceChoice, Gpu};
-use crate::structure::{BruteForce, GpuBruteForce, GpuUniformGrid, GridSettings, UniformGrid};
+use crate::structure::{
+    BruteForce, GpuBruteForce, GpuLinearOctree, GpuUniformGrid, GridSettings, LinearOctree, OctreeSettings, UniformGrid,
+};
 use crate::{Error, Result};
 
 /// Below this many pairs of query and point, testing all of them beats building anything.
@@ -24,11 +26,13 @@ pub enum StructureChoice {
     BruteForce,
     /// [`UniformGrid`].
     UniformGrid,
+    /// [`LinearOctree`].
+    LinearOctree,
 }
 
 impl StructureChoice {
     /// Every structure there is, without `Auto`.
-    pub const ALL: [Self; 2] = [Self::BruteForce, Self::UniformGrid];
+    pub const ALL: [Self; 3] = [Self::BruteForce, Self::UniformGrid, Self::LinearOctree];
 
     /// The structure's name.
     pub fn name(self) -> &'static str {
@@ -36,6 +40,7 @@ impl StructureChoice {
             Self::Auto => "auto",
             Self::BruteForce => "brute-force",
             Self::UniformGrid => "uniform-grid",
+            Self::LinearOctree => "linear-octree",
         }
     }
 }
@@ -47,7 +52,7 @@ impl FromStr for StructureChoice {
         std::iter::once(Self::Auto).chain(Self::ALL).find(|c| c.name() == text).ok_or_else(|| Error::InvalidSetting {
             setting: "structure",
             found: text.into(),
-            expected: "auto, brute-force or uniform-grid",
+            expected: "auto, brute-force, uniform-grid or linear-octree",
         })
     }
 }
@@ -169,6 +174,9 @@ impl Index {
                 let settings = GridSettings::for_radius(question.largest_radius()).periodic(period);
                 Box::new(UniformGrid::build(points, &settings)?)
             }
+            StructureChoice::LinearOctree => {
+                Box::new(LinearOctree::build(points, &OctreeSettings::default().periodic(period))?)
+            }
         })
     }
 
@@ -184,6 +192,9 @@ impl Index {
             StructureChoice::UniformGrid | StructureChoice::Auto => {
                 let settings = GridSettings::for_radius(question.largest_radius()).periodic(period);
                 Box::new(GpuUniformGrid::build(gpu, points, &settings)?)
+            }
+            StructureChoice::LinearOctree => {
+                Box::new(GpuLinearOctree::build(gpu, points, &OctreeSettings::default().periodic(period))?)
             }
         })
     }
