@@ -209,7 +209,7 @@ mod tests {
 
     fn scene<'a>(points: &'a [Vec3], colors: &'a [[u8; 3]]) -> Scene<'a> {
         let (title, subtitle) = (String::new(), String::new());
-        Scene { points, colors, sizes: &[], focus: &[], up: Up::Z, title, subtitle, bar: None }
+        Scene { points, colors, sizes: &[], focus: &[], up: Up::Z, title, subtitle, bar: None, swatches: vec![] }
     }
 
     const SIZE: PictureSize = PictureSize { width: 320, height: 240 };
