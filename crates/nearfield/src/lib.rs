@@ -33,8 +33,8 @@ pub use glam::{DVec3, Vec3};
 #[cfg(feature = "gpu")]
 pub use gpu::{DeviceChoice, Gpu};
 pub use query::{
-    Counts, FixedRadius, ForEachNeighbor, ListRows, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Radius,
-    Report, RowOrder,
+    Counts, FixedRadius, ForEachNeighbor, Knn, KnnSearch, ListRows, Nearest, NearestNeighbors, Neighbor,
+    NeighborSearch, Neighbors, Queries, Radius, Report, RowOrder,
 };
 #[cfg(feature = "gpu")]
 pub use query::{

@@ -9,6 +9,7 @@ mod fixed_radius;
 mod gpu;
 #[cfg(feature = "gpu")]
 mod index;
+mod knn;
 mod neighbors;
 mod report;
 mod rows;
@@ -23,6 +24,7 @@ pub use gpu::Batch;
 pub use gpu::{ForEachOnDevice, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
 #[cfg(feature = "gpu")]
 pub use index::{Index, IndexSettings, StructureChoice};
+pub use knn::{Knn, KnnSearch, NearestNeighbors};
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
 pub use report::{Clock, Report, Stage};
 pub use search::NeighborSearch;

@@ -28,6 +28,7 @@ mod effort;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod layout;
+mod nearest;
 mod region;
 mod settings;
 #[cfg(test)]
