@@ -38,7 +38,7 @@ pub use query::{
 };
 #[cfg(feature = "gpu")]
 pub use query::{
-    ForEachOnDevice, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, SearchOnDevice, StructureChoice, Visitor,
+    ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, SearchOnDevice, StructureChoice, Visitor,
 };
 pub use structure::{
     BruteForce, CellState, DenseOctree, DenseOctreeSettings, GridSettings, LinearOctree, OctreeNode, OctreeSettings,

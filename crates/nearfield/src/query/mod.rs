@@ -21,7 +21,7 @@ pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[doc(hidden)]
 pub use gpu::Batch;
 #[cfg(feature = "gpu")]
-pub use gpu::{ForEachOnDevice, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
+pub use gpu::{ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
 #[cfg(feature = "gpu")]
 pub use index::{Index, IndexSettings, StructureChoice};
 pub use knn::{Knn, KnnSearch, NearestNeighbors};

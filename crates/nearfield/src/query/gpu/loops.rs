@@ -100,6 +100,15 @@ pub(super) fn of_nearest_k(places: u32) -> VisitorRounds {
     VisitorRounds { each: 2 * levels(places), finish: u64::from(places) * (1 + levels(places)) }
 }
 
+/// Rounds of the kernel `knn` that looks at so many nodes and candidates.
+pub(super) fn of_knn(steps: u64, places: u32) -> u64 {
+    // Eight children on each of 21 levels to find where to start.
+    const LOCATE: u64 = 8 * 21 + 1;
+    let VisitorRounds { each, finish } = of_nearest_k(places);
+    let empty_places = u64::from(places) + 1;
+    steps.saturating_mul(1 + each).saturating_add(LOCATE + 1 + finish + empty_places)
+}
+
 /// Whether the device's kernel can sort rows that long.
 pub(super) fn can_sort(gpu: &Gpu, longest_row: u32) -> bool {
     // `heapify` moves half of the elements and `sort_heap` all of them.

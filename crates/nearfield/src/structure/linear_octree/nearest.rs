@@ -14,13 +14,11 @@ use crate::geometry::distance::norm2;
 /// Part of the lengths on an axis by which a node is taken to be larger than its cells.
 ///
 /// With edge e, scale s = 2²¹/e and a query at offset a from the origin: a point p of the node has
-/// low ≤ fl(fl(p − origin) · s), two roundings of 2⁻²⁴, and the same at its high end with one more for that of s. The
-/// node's ends are computed with two roundings, a with one and their difference with one, all parts of at most e + |a|.
-/// Together that is less than 2⁻²⁰ (e + |a|).
-const NODE_SLACK: f32 = 1.0 / (1 << 20) as f32;
-/// The same on an axis with period L, as a part of e + |a| + L: the wrap of the formula adds three roundings, that of
-/// the bound three more. Half a period is on either side of the wrap the same distance.
-const PERIODIC_NODE_SLACK: f32 = 1.0 / (1 << 19) as f32;
+/// low ≤ fl(fl(p − origin) · s), two roundings of 2⁻²⁴, and at its high end one more, that of s. The ends of the node
+/// are off by the division for the length of a cell (2.5 ulp on a device), one product and one sum, a and the difference
+/// by one rounding each: together less than 2⁻²⁰ (e + |a|). With a period L the wraps of formula and bound add six
+/// roundings of at most e + |a| + L. This is twice as much.
+const NODE_SLACK: f32 = 1.0 / (1 << 19) as f32;
 
 /// A query as the bounds of nodes see it.
 #[derive(Debug, Clone, Copy)]
@@ -35,10 +33,8 @@ pub(super) struct Probe {
 impl OctreeLayout {
     pub(super) fn probe(&self, query: Vec3) -> Probe {
         let offset = query - self.domain.origin();
-        let period = Vec3::from_array(self.period);
-        let reach = offset.abs() + self.domain.edge();
-        let slack =
-            Vec3::select(period.cmpgt(Vec3::ZERO), (reach + period) * PERIODIC_NODE_SLACK, reach * NODE_SLACK);
+        let lengths = offset.abs() + self.domain.edge() + Vec3::from_array(self.period);
+        let slack = lengths * NODE_SLACK;
         Probe { offset, slack, cell: 1.0 / self.domain.scale() }
     }
 
@@ -58,7 +54,8 @@ impl OctreeLayout {
     /// The distance to the interval from `low` on, or to its nearest image where the axis has a period.
     fn to_nearest_image(&self, low: Vec3, size: f32, outside: Vec3) -> Vec3 {
         let period = Vec3::from_array(self.period);
-        // The first image that starts at or behind the query, and the one before it, which ends before or at the query.
+        // The image that starts behind the query, and the one before it; where that one reaches the query, the distance is
+        // below zero.
         let ahead = low - period * (low * Vec3::from_array(self.inverse_period)).floor();
         let wrapped = ahead.min(period - (ahead + size));
         Vec3::select(period.cmpgt(Vec3::ZERO), wrapped, outside)
