@@ -33,7 +33,7 @@ pub use glam::{DVec3, Vec3};
 #[cfg(feature = "gpu")]
 pub use gpu::{DeviceChoice, Gpu};
 pub use query::{
-    Counts, FixedRadius, ForEachNeighbor, Knn, KnnSearch, ListRows, Nearest, NearestNeighbors, Neighbor,
+    BoxSearch, Boxes, Counts, FixedRadius, ForEachNeighbor, Knn, KnnSearch, ListRows, Nearest, NearestNeighbors, Neighbor,
     NeighborSearch, Neighbors, Queries, Radius, Report, RowOrder,
 };
 #[cfg(feature = "gpu")]

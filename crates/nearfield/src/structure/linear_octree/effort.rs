@@ -4,6 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::LinearOctree;
+use super::walk::{BoxCells, Meeting};
 use crate::geometry::Aabb;
 use crate::structure::{CpuStructure, Effort};
 
@@ -94,4 +95,25 @@ pub(super) fn most_nearest_steps(
             (0..points.len()).into_par_iter().map(own).max().unwrap_or(0)
         }
     }
+}
+
+/// The most nodes and points that the kernel `boxes` looks at for any of the boxes, given by their lowest and highest
+/// cells; with the points of nodes that lie inside, where it writes them out.
+pub(super) fn most_box_steps(tree: &LinearOctree, boxes: &[[[u32; 3]; 2]], writes: bool) -> u64 {
+    let steps = |&[low, high]: &[[u32; 3]; 2]| {
+        let cells = BoxCells::between(low, high);
+        let (mut steps, mut next) = (0u64, 0u32);
+        while let Some(node) = tree.nodes().get(next as usize) {
+            steps += 1;
+            next = node.rope;
+            match cells.meet(node) {
+                Meeting::Apart => {}
+                Meeting::Inside => steps += if writes { u64::from(node.n_points()) } else { 0 },
+                Meeting::Partly if node.is_leaf() => steps += u64::from(node.n_points()),
+                Meeting::Partly => next = node.first_child,
+            }
+        }
+        steps
+    };
+    boxes.par_iter().map(steps).max().unwrap_or(0)
 }

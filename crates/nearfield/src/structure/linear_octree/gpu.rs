@@ -106,6 +106,12 @@ impl GpuLinearOctree {
         Ok(effort::most_nearest_steps(&self.read()?, queries, places, exclude_self))
     }
 
+    /// The most nodes and points that a search of boxes with these lowest and highest cells looks at for any of them.
+    /// For devices that end long loops.
+    pub(crate) fn most_box_steps(&self, boxes: &[[[u32; 3]; 2]], writes: bool) -> Result<u64> {
+        Ok(effort::most_box_steps(&self.read()?, boxes, writes))
+    }
+
     /// The same tree on the host: a copy of everything.
     ///
     /// Points that came with indices of the caller's own keep them where they are a permutation of 0 … n − 1.
