@@ -302,14 +302,14 @@ pub(crate) fn knn(problem: &Problem<'_>, exclude_self: bool, rows: &NearestRows<
 }
 
 /// Checks the points in boxes, rows ascending, against the definition.
-pub(crate) fn boxes(
-    points: &[Vec3],
-    boxes: &[Aabb],
-    counts: &[u32],
-    (offsets, indices): (&[u64], &[u32]),
-) -> Verdict {
+pub(crate) fn boxes(points: &[Vec3], boxes: &[Aabb], counts: &[u32], (offsets, indices): (&[u64], &[u32])) -> Verdict {
     let n = boxes.len();
-    ensure!(counts.len() == n && offsets.len() == n + 1, "{} counts, {} offsets: {n} boxes", counts.len(), offsets.len());
+    ensure!(
+        counts.len() == n && offsets.len() == n + 1,
+        "{} counts, {} offsets: {n} boxes",
+        counts.len(),
+        offsets.len()
+    );
     let ends = (offsets[0], offsets[n]);
     ensure!(ends == (0, indices.len() as u64) && offsets.is_sorted(), "offsets from {} to {}", ends.0, ends.1);
     for (i, aabb) in boxes.iter().enumerate() {

@@ -51,8 +51,9 @@ pub(crate) fn ask_everything(subject: &Subject, built: &dyn Built, solved: &Solv
     let beyond = beyond.iter().filter(|_| n <= MOST_POINTS_FOR_ALL);
     for question in QUESTIONS.iter().chain(beyond) {
         let &Question { own, k, exclude_self } = question;
-        put(subject, built, solved, question)
-            .map_err(|difference| format!("{k} nearest, of points {own}, self left out {exclude_self}: {difference}"))?;
+        put(subject, built, solved, question).map_err(|difference| {
+            format!("{k} nearest, of points {own}, self left out {exclude_self}: {difference}")
+        })?;
     }
     Ok(())
 }

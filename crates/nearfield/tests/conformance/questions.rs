@@ -136,6 +136,9 @@ const MOST_POINTS_FOR_ALL: usize = 1000;
 /// Pairs of query and point whose distances are kept for questions without a radius.
 const MOST_PAIRS_EVERYWHERE: usize = 1_000_000;
 
+/// Above this many points, no query without a radius comes from so far that all of them are equally near.
+const MOST_POINTS_FROM_AFAR: usize = 1500;
+
 /// A case with its true answers, found once for all subjects.
 pub(crate) struct Solved<'a> {
     pub(crate) case: &'a Case,
@@ -165,10 +168,14 @@ impl<'a> Solved<'a> {
         })
     }
 
-    /// All distances of a sample of the queries: the points, or the others.
+    /// All distances of a sample of the queries: the points, or the others. Of these the last ones, behind those that see
+    /// all of a large cloud equally far away: they look at all of it, which a software renderer refuses.
     pub(crate) fn everywhere(&self, own: bool) -> &Problem<'a> {
         self.everywhere[usize::from(own)].get_or_init(|| {
-            let queries = if own { &self.case.points } else { &self.case.queries };
+            let is_large = self.case.points.len() > MOST_POINTS_FROM_AFAR;
+            let is_far = |q: &Vec3| is_large && q.abs().max_element() >= 1e9;
+            let first_near = self.case.queries.iter().rposition(is_far).map_or(0, |last_far| last_far + 1);
+            let queries = if own { &self.case.points[..] } else { &self.case.queries[first_near..] };
             let radii = vec![compare::EVERYWHERE; queries.len()];
             Problem::sampled(&self.case.points, queries, own, radii, self.case.period, MOST_PAIRS_EVERYWHERE)
         })

@@ -106,7 +106,9 @@ fn check_loops(tree: &GpuLinearOctree, boxes: &[DeviceBox], fill: bool) -> Resul
     }
     let (n, gpu) = (tree.len(), tree.gpu().name());
     Err(Error::Unsupported {
-        what: format!("boxes with so many of {n} points on {gpu}, which ends the loops of a kernel after {limit} rounds,"),
+        what: format!(
+            "boxes with so many of {n} points on {gpu}, which ends the loops of a kernel after {limit} rounds,"
+        ),
         advice: "use the CPU, smaller boxes or fewer points",
     })
 }

@@ -1,7 +1,8 @@
 //! The question for the k nearest points, however far they are, and its answer.
 //!
-//! Source: the search of the nearest points in a tree, Friedman1977, on the octree of `linear_octree`. Differs: the
-//! search starts at the smallest node around the query that has k points, so that far nodes are never looked at.
+//! The search in a tree starts at the smallest node around the query that has k points, which gives a first distance, and
+//! then looks at every node that can hold something nearer. Source: Friedman1977, who start in the leaf of a kd-tree.
+//! Cost: 8 bytes a neighbour, on the CPU about twice that while rows are put into query order.
 
 mod cpu;
 
