@@ -46,13 +46,13 @@ impl OctreeLayout {
         let low = Vec3::from_array(node.low.map(|cell| cell as f32)) * probe.cell - probe.offset;
         let mut outside = low.max(-(low + size));
         if self.period != [0.0; 3] {
-            outside = self.to_nearest_image(low, size, outside);
+            outside = self.nearest_image_of(low, size, outside);
         }
         norm2((outside - probe.slack).max(Vec3::ZERO))
     }
 
     /// The distance to the interval from `low` on, or to its nearest image where the axis has a period.
-    fn to_nearest_image(&self, low: Vec3, size: f32, outside: Vec3) -> Vec3 {
+    fn nearest_image_of(&self, low: Vec3, size: f32, outside: Vec3) -> Vec3 {
         let period = Vec3::from_array(self.period);
         // The image that starts behind the query, and the one before it; where that one reaches the query, the distance is
         // below zero.
