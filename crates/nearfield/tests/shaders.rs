@@ -11,6 +11,7 @@ use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
 use nearfield::query::Batch;
 use nearfield::structure::brute_force::BruteForceLayout;
+use nearfield::structure::linear_octree::OctreeLayout;
 use nearfield::structure::uniform_grid::GridLayout;
 
 /// Module paths that kernels fill: with a structure's traversal, and with a visitor.
@@ -280,7 +281,14 @@ fn twins() -> BTreeMap<&'static str, Layout> {
     // An array of words there is single words here: arrays in uniforms have a stride of 16 bytes.
     let (_, offset, size) = batch.fields.pop().unwrap();
     batch.fields.extend((0..size / 4).map(|i| (format!("padding_{i}"), offset + 4 * i, 4)));
-    BTreeMap::from([("GridLayout", grid), ("Layout", brute_force), ("Batch", batch), ("Domain", domain())])
+    let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
+    BTreeMap::from([
+        ("GridLayout", grid),
+        ("Layout", brute_force),
+        ("OctreeLayout", octree),
+        ("Batch", batch),
+        ("Domain", domain()),
+    ])
 }
 
 /// The layout of a domain, whose fields are private: from where its values stand.
@@ -402,7 +410,7 @@ fn constant(module: &naga::Module, name: &str) -> Option<f32> {
 #[test]
 fn slacks_are_the_same_on_both_sides() {
     let features = [("periodic", true), ("hashed", false)];
-    let composed = compose("package::structure::uniform_grid::layout", &[], &features, true).unwrap();
+    let composed = compose("package::geometry::distance", &[], &features, true).unwrap();
     let module = parse(&composed).unwrap();
     let slacks = [
         ("RADIUS_SLACK", RADIUS_SLACK),
