@@ -23,6 +23,7 @@ pub use brute_force::GpuBruteForce;
 #[cfg(feature = "gpu")]
 pub use dense_octree::GpuDenseOctree;
 pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};
+#[cfg(feature = "gpu")]
 pub use linear_octree::{GpuLinearOctree, OctreeBuilder};
 pub use linear_octree::{LinearOctree, OctreeNode, OctreeSettings};
 #[cfg(feature = "gpu")]
