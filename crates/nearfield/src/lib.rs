@@ -36,12 +36,13 @@ pub use glam::{DVec3, Vec3};
 #[cfg(feature = "gpu")]
 pub use gpu::{DeviceChoice, Gpu};
 pub use query::{
-    Counts, FixedRadius, ForEachNeighbor, ListRows, Nearest, Neighbor, NeighborSearch, Neighbors, Queries, Radius,
-    Report, RowOrder,
+    BoxSearch, Boxes, Counts, FixedRadius, ForEachNeighbor, Knn, KnnSearch, ListRows, Nearest, NearestNeighbors,
+    Neighbor, NeighborSearch, Neighbors, Queries, Radius, Report, RowOrder,
 };
 #[cfg(feature = "gpu")]
 pub use query::{
-    ForEachOnDevice, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, SearchOnDevice, StructureChoice, Visitor,
+    ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, SearchOnDevice,
+    StructureChoice, Visitor,
 };
 pub use structure::{
     BruteForce, CellState, DenseOctree, DenseOctreeSettings, GridSettings, LinearOctree, OctreeNode, OctreeSettings,

@@ -69,6 +69,11 @@ impl Domain {
         self.edge
     }
 
+    /// Cells at [`MAX_LEVEL`] a unit of length.
+    pub(crate) fn scale(&self) -> f32 {
+        self.scale
+    }
+
     /// Whether the point lies in the closed cube.
     #[inline(always)]
     pub fn contains(&self, point: Vec3) -> bool {

@@ -20,9 +20,9 @@ use crate::{Error, Result};
 const TASK_QUERIES: usize = 4096;
 
 /// Queries in searching order.
-struct OrderedQueries<'a> {
-    points: Cow<'a, OrderedPoints>,
-    packs: Cow<'a, [u32]>,
+pub(super) struct OrderedQueries<'a> {
+    pub(super) points: Cow<'a, OrderedPoints>,
+    pub(super) packs: Cow<'a, [u32]>,
 }
 
 /// One query with everything its search needs.
@@ -34,8 +34,8 @@ pub(super) struct Query<'a> {
     pub(super) spans: &'a [Range<usize>],
 }
 
-fn ordered<'a, S: CpuStructure>(structure: &'a S, question: &FixedRadius<'_>) -> Result<OrderedQueries<'a>> {
-    Ok(match question.queries {
+pub(super) fn ordered<'a, S: CpuStructure>(structure: &'a S, queries: Queries<'_>) -> Result<OrderedQueries<'a>> {
+    Ok(match queries {
         Queries::Points => {
             OrderedQueries { points: Cow::Borrowed(structure.points()), packs: Cow::Borrowed(structure.packs()) }
         }
@@ -61,7 +61,7 @@ where
     S: CpuStructure,
     T: Send,
 {
-    let queries = ordered(structure, question)?;
+    let queries = ordered(structure, question.queries)?;
     let (points, packs) = (&*queries.points, &*queries.packs);
     let stopped = AtomicBool::new(false);
     let made = tasks(packs)
@@ -86,7 +86,7 @@ where
 }
 
 /// Cuts packs into tasks of about [`TASK_QUERIES`] queries; ranges of pack numbers.
-fn tasks(packs: &[u32]) -> Vec<Range<usize>> {
+pub(super) fn tasks(packs: &[u32]) -> Vec<Range<usize>> {
     let n_packs = packs.len().saturating_sub(1);
     let mut tasks = Vec::new();
     let mut first = 0;
@@ -130,7 +130,7 @@ fn device_name() -> String {
     format!("cpu ({} threads, {})", rayon::current_num_threads(), Simd::best().name())
 }
 
-fn report<S: CpuStructure>(kernel: &str) -> Report {
+pub(super) fn report<S: CpuStructure>(kernel: &str) -> Report {
     Report {
         structure: S::NAME,
         search: S::SEARCH,

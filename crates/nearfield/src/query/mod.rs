@@ -1,28 +1,34 @@
-//! Questions to a structure and their answers: all neighbours within a radius, how many, the nearest one.
+//! Questions to a structure and their answers: all neighbours within a radius, how many, the nearest one; the k nearest
+//! without a radius; the points in a box.
 //!
-//! [`FixedRadius`] is the question, [`NeighborSearch`] what every structure on every device answers, and
-//! [`Neighbors`], [`Counts`], [`Nearest`] the answers; each carries a [`Report`] of what really ran.
+//! [`FixedRadius`] is the first question, [`NeighborSearch`] what every structure on every device answers, and
+//! [`Neighbors`], [`Counts`], [`Nearest`] the answers. [`Knn`] and [`Boxes`] are asked of structures with [`KnnSearch`]
+//! and [`BoxSearch`]. Each answer carries a [`Report`] of what really ran.
 
+mod boxes;
 mod cpu;
 mod fixed_radius;
 #[cfg(feature = "gpu")]
 mod gpu;
 #[cfg(feature = "gpu")]
 mod index;
+mod knn;
 mod neighbors;
 mod report;
 mod rows;
 mod search;
 
+pub use boxes::{BoxSearch, Boxes};
 pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
 pub use gpu::Batch;
 #[cfg(feature = "gpu")]
-pub use gpu::{ForEachOnDevice, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
+pub use gpu::{ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
 #[cfg(feature = "gpu")]
 pub use index::{Index, IndexSettings, StructureChoice};
+pub use knn::{Knn, KnnSearch, NearestNeighbors};
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
 pub use report::{Clock, Report, Stage};
 pub use search::NeighborSearch;

@@ -194,7 +194,7 @@ pub(super) fn concatenate(tasks: &[TaskRows], n_queries: usize) -> Result<Neighb
 }
 
 /// Zeros that the machine's memory is only touched for where they are written first.
-fn zeroed<T: bytemuck::Zeroable>(len: usize) -> Result<Vec<T>> {
+pub(super) fn zeroed<T: bytemuck::Zeroable>(len: usize) -> Result<Vec<T>> {
     bytemuck::allocation::try_zeroed_vec(len).map_err(|()| Error::OutOfMemory {
         what: "the list of neighbours",
         needed: (len * size_of::<T>()) as u64,

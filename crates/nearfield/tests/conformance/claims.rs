@@ -3,7 +3,7 @@
 
 use libtest_mimic::Trial;
 use nearfield::query::Neighbors;
-use nearfield::{Error, FixedRadius, RowOrder, Vec3};
+use nearfield::{Aabb, Boxes, Error, FixedRadius, Knn, RowOrder, Vec3};
 
 use crate::compare::Verdict;
 use crate::random::Random;
@@ -28,11 +28,20 @@ const CLAIMS: &[Claim] = &[
     ("accel/a-row-of-all-4096-is-not-cut", long_rows_whole),
 ];
 
+/// Claims about the questions that not every structure answers.
+const CLAIMS_WITHOUT_RADIUS: &[Claim] =
+    &[("the-nearest-are-refused-with-numbers", refused_nearest), ("boxes-are-refused-with-numbers", refused_boxes)];
+
 /// Every claim on one build of every structure on every device, and those on the machine.
 pub(crate) fn trials() -> Vec<Trial> {
     let mut trials = vec![];
     for subject in SUBJECTS.iter().filter(|s| ["plain", "cells-like-the-radius"].contains(&s.variant)) {
         for (name, check) in CLAIMS {
+            trials.push(crate::trial_on(subject, format!("{}/{name}", subject.name()), move || check(subject)));
+        }
+    }
+    for subject in SUBJECTS.iter().filter(|s| ["plain", "leaves-of-32"].contains(&s.variant)) {
+        for (name, check) in CLAIMS_WITHOUT_RADIUS {
             trials.push(crate::trial_on(subject, format!("{}/{name}", subject.name()), move || check(subject)));
         }
     }
@@ -50,6 +59,53 @@ fn plan(points: &[Vec3], radius: f32) -> Plan<'_> {
 
 fn expect(holds: bool, otherwise: impl FnOnce() -> String) -> Verdict {
     if holds { Ok(()) } else { Err(otherwise()) }
+}
+
+fn refused_nearest(subject: &Subject) -> Verdict {
+    let points = cloud(100);
+    let built = subject.build(&plan(&points, 0.5)).map_err(in_words)?;
+    let bad = [Vec3::ZERO, Vec3::new(0.0, f32::NAN, 0.0)];
+    let far = [Vec3::ZERO, Vec3::ZERO, Vec3::splat(2e18)];
+    let refused: [(Knn<'_>, fn(&Error) -> bool); 5] = [
+        (Knn::new(3).queries(&bad), |e| matches!(e, Error::NonFinite { what: "queries", count: 1, first: 1 })),
+        (Knn::new(3).queries(&far), |e| matches!(e, Error::CoordinateTooLarge { index: 2, axis: 'x', .. })),
+        (Knn::new(3).queries(&points).exclude_self(), |e| matches!(e, Error::InvalidSetting { .. })),
+        (Knn::new(3).max_bytes(2399), |e| matches!(e, Error::OutOfMemory { needed: 2400, available: 2399, .. })),
+        (Knn::new(u32::MAX).max_bytes(1 << 30), |e| matches!(e, Error::OutOfMemory { needed: 3_435_973_836_000, .. })),
+    ];
+    for (number, (question, is_right)) in refused.into_iter().enumerate() {
+        match built.knn(&question) {
+            Some(Err(error)) => expect(is_right(&error), || format!("question {number}: {error}"))?,
+            Some(Ok(_)) => return Err(format!("question {number} was answered")),
+            None => {}
+        }
+    }
+    let fits = built.knn(&Knn::new(3).max_bytes(2400)).is_none_or(|answer| answer.is_ok());
+    expect(fits, || "2400 bytes are enough for 100 rows of 3".into())
+}
+
+fn refused_boxes(subject: &Subject) -> Verdict {
+    let points = cloud(100);
+    let built = subject.build(&plan(&points, 0.5)).map_err(in_words)?;
+    let nan = Aabb::new(Vec3::ZERO, Vec3::new(1.0, f32::NAN, 1.0));
+    let all = Aabb::new(Vec3::NEG_INFINITY, Vec3::INFINITY);
+    let with_nan = [all, nan];
+    match built.in_boxes(&Boxes::new(&with_nan)) {
+        None => return Ok(()),
+        Some(Ok(_)) => return Err("a box with NaN was answered".into()),
+        Some(Err(error)) => {
+            let placed = matches!(&error, Error::InvalidSetting { found, .. } if found.contains("box 1"));
+            expect(placed, || error.to_string())?;
+        }
+    }
+    let everything = [all; 3];
+    let needed = 4 * 300 + 8 * 4;
+    match built.in_boxes(&Boxes::new(&everything).max_bytes(needed - 1)) {
+        Some(Err(Error::OutOfMemory { needed: 1232, available: 1231, .. })) => {}
+        other => return Err(format!("a list of {needed} bytes: {:?}", other.map(|answer| answer.is_ok()))),
+    }
+    let fits = built.in_boxes(&Boxes::new(&everything).max_bytes(needed)).is_some_and(|answer| answer.is_ok());
+    expect(fits, || format!("{needed} bytes are enough"))
 }
 
 fn in_words(error: Error) -> String {

@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 
 use nearfield::query::{CutRow, Neighbor};
-use nearfield::{FixedRadius, RowOrder};
+use nearfield::{Aabb, FixedRadius, NearestNeighbors, RowOrder, Vec3};
 
 use crate::reference::{Hit, Problem, Row, difference, ulp};
 
@@ -259,6 +259,72 @@ pub(crate) fn nearest(
     }
     Ok(())
 }
+
+/// Rows of k places as plain slices.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct NearestRows<'a> {
+    pub(crate) k: usize,
+    pub(crate) indices: &'a [u32],
+    pub(crate) distances: &'a [f32],
+}
+
+/// Checks the k nearest points, where `problem` reaches every point: the places that must be empty, and all others as a
+/// list with a cap of k.
+pub(crate) fn knn(problem: &Problem<'_>, exclude_self: bool, rows: &NearestRows<'_>, rule: Rule) -> Verdict {
+    let (k, n_queries) = (rows.k, problem.queries.len());
+    let (indices, distances) = (rows.indices.len(), rows.distances.len());
+    let expected = n_queries * k;
+    ensure!(indices == expected && distances == expected, "{indices} and {distances} places of {n_queries} × {k}");
+    let all = problem.points.len().saturating_sub(usize::from(exclude_self));
+    let found = k.min(all);
+    let (mut offsets, mut kept_indices, mut kept_distances) = (vec![0], vec![], vec![]);
+    for start in (0..n_queries).map(|query| query * k) {
+        let empty = rows.indices[start + found..start + k].iter().zip(&rows.distances[start + found..start + k]);
+        for (&index, &distance) in empty {
+            let is_empty = index == NearestNeighbors::NONE && distance == f32::INFINITY;
+            ensure!(is_empty, "row at {start}: {index} at {distance:e} in a place that should be empty");
+        }
+        kept_indices.extend_from_slice(&rows.indices[start..start + found]);
+        kept_distances.extend_from_slice(&rows.distances[start..start + found]);
+        offsets.push(kept_indices.len() as u64);
+    }
+    let missing = (all - found) as u32;
+    let cut: Vec<CutRow> =
+        (0..n_queries as u32).filter(|_| missing > 0).map(|query| CutRow { query, missing }).collect();
+    let question = FixedRadius {
+        exclude_self,
+        max_neighbors: Some(k as u32),
+        order: RowOrder::Distance,
+        ..FixedRadius::new(EVERYWHERE).distances()
+    };
+    let kept = List { offsets: &offsets, indices: &kept_indices, distances: Some(&kept_distances), cut: &cut };
+    list(problem, &question, &kept, rule)
+}
+
+/// Checks the points in boxes, rows ascending, against the definition.
+pub(crate) fn boxes(points: &[Vec3], boxes: &[Aabb], counts: &[u32], (offsets, indices): (&[u64], &[u32])) -> Verdict {
+    let n = boxes.len();
+    ensure!(
+        counts.len() == n && offsets.len() == n + 1,
+        "{} counts, {} offsets: {n} boxes",
+        counts.len(),
+        offsets.len()
+    );
+    let ends = (offsets[0], offsets[n]);
+    ensure!(ends == (0, indices.len() as u64) && offsets.is_sorted(), "offsets from {} to {}", ends.0, ends.1);
+    for (i, aabb) in boxes.iter().enumerate() {
+        let is_inside = |p: &Vec3| (0..3).all(|axis| aabb.min[axis] <= p[axis] && p[axis] <= aabb.max[axis]);
+        let expected = points.iter().enumerate().filter(|(_, p)| is_inside(p)).map(|(i, _)| i as u32);
+        let expected: Vec<u32> = expected.collect();
+        let row = &indices[offsets[i] as usize..offsets[i + 1] as usize];
+        ensure!(row == expected, "box {i}: {} points, expected {}", row.len(), expected.len());
+        ensure!(counts[i] as usize == expected.len(), "box {i}: counted {}, expected {}", counts[i], expected.len());
+    }
+    Ok(())
+}
+
+/// A radius beyond every distance whose square is an f32.
+pub(crate) const EVERYWHERE: f32 = 1.8e19;
 
 /// Checks neighbours visited one by one, in no order: `visited[query]`.
 pub(crate) fn visits(problem: &Problem<'_>, question: &FixedRadius<'_>, visited: &[Vec<Hit>]) -> Verdict {

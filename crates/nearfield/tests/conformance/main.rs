@@ -12,10 +12,12 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a comparison with NaN must fail the check")]
 #![allow(clippy::type_complexity, reason = "tables of cases are read where they stand")]
 
+mod boxes;
 mod cases;
 mod claims;
 mod compare;
 mod images;
+mod knn;
 mod large;
 mod planted;
 mod property;

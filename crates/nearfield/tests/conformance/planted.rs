@@ -2,9 +2,9 @@
 
 use libtest_mimic::Trial;
 use nearfield::query::{CutRow, Neighbor};
-use nearfield::{FixedRadius, RowOrder, Vec3};
+use nearfield::{Aabb, FixedRadius, RowOrder, Vec3};
 
-use crate::compare::{self, List, Rule, Verdict};
+use crate::compare::{self, List, NearestRows, Rule, Verdict};
 use crate::reference::Problem;
 
 /// A list in plain vectors, to be changed at will.
@@ -175,7 +175,9 @@ pub(crate) fn trials() -> Vec<Trial> {
         }));
         trials.push(crate::trial(format!("planted/{rule:?}/wrong-counts-are-found"), move || check_counts(rule)));
         trials.push(crate::trial(format!("planted/{rule:?}/wrong-nearest-are-found"), move || check_nearest(rule)));
+        trials.push(crate::trial(format!("planted/{rule:?}/wrong-k-nearest-are-found"), move || check_knn(rule)));
     }
+    trials.push(crate::trial("planted/wrong-points-in-boxes-are-found".into(), check_boxes));
     trials.push(crate::trial("planted/wrong-visits-are-found".into(), check_visits));
     trials.push(crate::trial("planted/only-a-device-may-differ-and-only-at-the-boundary".into(), check_boundary));
     trials
@@ -205,6 +207,77 @@ fn check_counts(rule: Rule) -> Verdict {
     // Points 0 and 4 have two and one neighbour exactly on the sphere: a device may miss those, no more.
     must_fail(compare::counts(&problem, &question, &[1, 5, 5, 5, 4, 1], rule))?;
     must_fail(compare::counts(&problem, &question, &[4, 5, 5, 5, 4, 0], rule))
+}
+
+/// Rows of k places for [`line`], each its point included, written down by hand and filled up.
+fn nearest_rows(rows: [&[u32]; 6], k: usize) -> (Vec<u32>, Vec<f32>) {
+    let x = [0.0f32, 1.0, 2.0, 2.0, 3.0, 10.0];
+    let (mut indices, mut distances) = (vec![], vec![]);
+    for (query, row) in rows.iter().enumerate() {
+        indices.extend_from_slice(row);
+        distances.extend(row.iter().map(|&i| (x[query] - x[i as usize]).abs()));
+        indices.resize((query + 1) * k, u32::MAX);
+        distances.resize((query + 1) * k, f32::INFINITY);
+    }
+    (indices, distances)
+}
+
+fn check_knn(rule: Rule) -> Verdict {
+    type Rows = (Vec<u32>, Vec<f32>);
+    let points = line();
+    let problem = Problem::solve(&points, &points, true, vec![compare::EVERYWHERE; points.len()], Vec3::ZERO);
+    let check = |k: usize, exclude_self: bool, (indices, distances): &Rows| {
+        compare::knn(&problem, exclude_self, &NearestRows { k, indices, distances }, rule)
+    };
+    let two = nearest_rows([&[0, 1], &[1, 0], &[2, 3], &[2, 3], &[4, 2], &[5, 4]], 2);
+    let others: [&[u32]; 6] =
+        [&[1, 2, 3, 4, 5], &[0, 2, 3, 4, 5], &[3, 1, 4, 0, 5], &[2, 1, 4, 0, 5], &[2, 3, 1, 0, 5], &[4, 2, 3, 1, 0]];
+    let seven = nearest_rows(others, 7);
+    check(2, false, &two)?;
+    check(7, true, &seven)?;
+    check(0, false, &(vec![], vec![]))?;
+    let changes_of_two: [fn(&mut Rows); 6] = [
+        |rows| rows.0.swap(0, 1),
+        |rows| rows.0[3] = 2,
+        |rows| rows.0[9] = 3,
+        |rows| rows.1[11] = 49.0,
+        |rows| (rows.0[11], rows.1[11]) = (u32::MAX, f32::INFINITY),
+        |rows| rows.0.truncate(11),
+    ];
+    let changes_of_seven: [fn(&mut Rows); 5] = [
+        |rows| rows.0[5] = 0,
+        |rows| rows.1[5] = 0.0,
+        |rows| (rows.0[4], rows.1[4]) = (u32::MAX, f32::INFINITY),
+        |rows| (rows.0[0], rows.1[0]) = (0, 0.0),
+        |rows| rows.0[5..7].copy_from_slice(&[5, 5]),
+    ];
+    for change in changes_of_two {
+        let mut rows = two.clone();
+        change(&mut rows);
+        must_fail(check(2, false, &rows))?;
+    }
+    for change in changes_of_seven {
+        let mut rows = seven.clone();
+        change(&mut rows);
+        must_fail(check(7, true, &rows))?;
+    }
+    must_fail(check(2, true, &two))
+}
+
+fn check_boxes() -> Verdict {
+    let points = line();
+    let at = |x: f32| Vec3::new(x, 0.0, 0.0);
+    let boxes = [Aabb::new(at(1.0), at(2.0)), Aabb::EMPTY, Aabb::new(at(2.5), at(20.0))];
+    let check =
+        |counts: &[u32], offsets: &[u64], indices: &[u32]| compare::boxes(&points, &boxes, counts, (offsets, indices));
+    check(&[3, 0, 2], &[0, 3, 3, 5], &[1, 2, 3, 4, 5])?;
+    must_fail(check(&[3, 0, 1], &[0, 3, 3, 5], &[1, 2, 3, 4, 5]))?;
+    must_fail(check(&[3, 0, 2], &[0, 3, 4, 5], &[1, 2, 3, 4, 5]))?;
+    must_fail(check(&[3, 0, 2], &[0, 3, 3, 5], &[1, 3, 2, 4, 5]))?;
+    must_fail(check(&[3, 0, 2], &[0, 3, 3, 5], &[1, 2, 2, 4, 5]))?;
+    must_fail(check(&[2, 0, 2], &[0, 2, 2, 4], &[1, 2, 4, 5]))?;
+    must_fail(check(&[3, 0, 2], &[0, 3, 3, 6], &[1, 2, 3, 4, 5]))?;
+    must_fail(check(&[3, 0], &[0, 3, 3], &[1, 2, 3]))
 }
 
 fn check_nearest(rule: Rule) -> Verdict {

@@ -9,6 +9,7 @@ use crate::cases::Case;
 use crate::compare::{self, List, Rule, Verdict};
 use crate::reference::{Hit, Problem};
 use crate::subjects::{Asked, Built, Subject};
+use crate::{boxes, knn};
 
 /// Who asks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -132,15 +133,22 @@ const QUESTIONS: &[Question] = &[
 /// Above this many points, questions that reach everything are left out: n² entries.
 const MOST_POINTS_FOR_ALL: usize = 1000;
 
+/// Pairs of query and point whose distances are kept for questions without a radius.
+const MOST_PAIRS_EVERYWHERE: usize = 1_000_000;
+
+/// Above this many points, no query without a radius comes from so far that all of them are equally near.
+const MOST_POINTS_FROM_AFAR: usize = 1500;
+
 /// A case with its true answers, found once for all subjects.
 pub(crate) struct Solved<'a> {
     pub(crate) case: &'a Case,
     problems: [OnceLock<Problem<'a>>; 8],
+    everywhere: [OnceLock<Problem<'a>>; 2],
 }
 
 impl<'a> Solved<'a> {
     pub(crate) fn new(case: &'a Case) -> Self {
-        Self { case, problems: Default::default() }
+        Self { case, problems: Default::default(), everywhere: Default::default() }
     }
 
     fn problem(&self, who: Who, reach: Reach) -> &Problem<'a> {
@@ -157,6 +165,19 @@ impl<'a> Solved<'a> {
             };
             let radii = (0..queries.len()).map(radius).collect();
             Problem::solve(&self.case.points, queries, who == Who::Points, radii, self.case.period)
+        })
+    }
+
+    /// All distances of a sample of the queries: the points, or the others. Of these the last ones, behind those that see
+    /// all of a large cloud equally far away: they look at all of it, which a software renderer refuses.
+    pub(crate) fn everywhere(&self, own: bool) -> &Problem<'a> {
+        self.everywhere[usize::from(own)].get_or_init(|| {
+            let is_large = self.case.points.len() > MOST_POINTS_FROM_AFAR;
+            let is_far = |q: &Vec3| is_large && q.abs().max_element() >= 1e9;
+            let first_near = self.case.queries.iter().rposition(is_far).map_or(0, |last_far| last_far + 1);
+            let queries = if own { &self.case.points[..] } else { &self.case.queries[first_near..] };
+            let radii = vec![compare::EVERYWHERE; queries.len()];
+            Problem::sampled(&self.case.points, queries, own, radii, self.case.period, MOST_PAIRS_EVERYWHERE)
         })
     }
 
@@ -191,7 +212,8 @@ pub(crate) fn ask_everything(subject: &Subject, built: &dyn Built, solved: &Solv
     if built.visit_at(Vec3::ZERO, 0.0, &|_, _| ControlFlow::Continue(())).is_some() {
         check_visits_at(built, solved.problem(Who::Others, Reach::Case))?;
     }
-    Ok(())
+    knn::ask_everything(subject, built, solved)?;
+    boxes::ask_everything(subject, built, solved.case).map_err(|difference| format!("points in boxes: {difference}"))
 }
 
 fn put(subject: &Subject, built: &dyn Built, ask: &Question, problem: &Problem<'_>, rule: Rule) -> Verdict {

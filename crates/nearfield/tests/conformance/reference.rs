@@ -53,7 +53,19 @@ const MOST_PAIRS: usize = 400_000_000;
 impl<'a> Problem<'a> {
     /// Finds the true rows.
     pub(crate) fn solve(points: &'a [Vec3], queries: &'a [Vec3], own: bool, radii: Vec<f32>, period: Vec3) -> Self {
-        let sample = (MOST_PAIRS / points.len().max(1)).clamp(1, queries.len().max(1));
+        Self::sampled(points, queries, own, radii, period, MOST_PAIRS)
+    }
+
+    /// Finds the true rows of a sample of the queries that has at most so many pairs.
+    pub(crate) fn sampled(
+        points: &'a [Vec3],
+        queries: &'a [Vec3],
+        own: bool,
+        radii: Vec<f32>,
+        period: Vec3,
+        most_pairs: usize,
+    ) -> Self {
+        let sample = (most_pairs / points.len().max(1)).clamp(1, queries.len().max(1));
         let step = queries.len().div_ceil(sample).max(1);
         let row = |query: usize| {
             let radius2 = radii[query] * radii[query];

@@ -4,8 +4,9 @@ use std::ops::ControlFlow;
 
 use nearfield::geometry::Period;
 use nearfield::{
-    Aabb, BruteForce, Curve, FixedRadius, ForEachNeighbor, GridSettings, LinearOctree, Neighbor, NeighborSearch,
-    OctreeSettings, Report, Result, UniformGrid, Vec3,
+    Aabb, BoxSearch, Boxes, BruteForce, Counts, Curve, FixedRadius, ForEachNeighbor, GridSettings, Knn, KnnSearch,
+    LinearOctree, NearestNeighbors, Neighbor, NeighborSearch, Neighbors, OctreeSettings, Report, Result, UniformGrid,
+    Vec3,
 };
 #[cfg(feature = "gpu")]
 use nearfield::{
@@ -42,6 +43,8 @@ pub(crate) enum Asked {
     List { sorted: bool, distances: bool },
     CappedList,
     Nearest,
+    Knn,
+    Boxes,
 }
 
 /// What a build gets to know.
@@ -70,6 +73,14 @@ pub(crate) trait Built: NeighborSearch {
     fn visit_at(&self, center: Vec3, radius: f32, visitor: &Visitor<'_>) -> Option<Result<()>>;
     /// The first broken invariant in words.
     fn broken_invariant(&self) -> Option<String>;
+    /// The k nearest points; `None` where the structure has no such query.
+    fn knn(&self, _: &Knn<'_>) -> Option<Result<NearestNeighbors>> {
+        None
+    }
+    /// Count and list of the points in boxes; `None` where the structure has no such query.
+    fn in_boxes(&self, _: &Boxes<'_>) -> Option<Result<(Counts, Neighbors)>> {
+        None
+    }
     /// Runs a caller's kernel on every neighbour; `None` where the structure has no such query.
     #[cfg(feature = "gpu")]
     fn run_visitor(&self, _: &FixedRadius<'_>, _: &DeviceVisitor<'_>) -> Option<Result<Report>> {
@@ -77,8 +88,27 @@ pub(crate) trait Built: NeighborSearch {
     }
 }
 
+/// The k nearest points, for a structure that finds them.
+macro_rules! knn {
+    () => {
+        fn knn(&self, question: &Knn<'_>) -> Option<Result<NearestNeighbors>> {
+            Some(KnnSearch::knn(self, question))
+        }
+    };
+}
+
+/// The points in boxes, for a structure that finds them.
+macro_rules! boxes {
+    () => {
+        fn in_boxes(&self, question: &Boxes<'_>) -> Option<Result<(Counts, Neighbors)>> {
+            let counts = self.count_in_boxes(question);
+            Some(counts.and_then(|counts| Ok((counts, self.list_in_boxes(question)?))))
+        }
+    };
+}
+
 macro_rules! on_cpu {
-    ($structure:ty, $invariant:expr) => {
+    ($structure:ty, $invariant:expr $(, $more:ident)*) => {
         impl Built for $structure {
             fn visit(&self, question: &FixedRadius<'_>, visitor: &Visitor<'_>) -> Option<Result<()>> {
                 Some(self.for_each(question, visitor))
@@ -91,13 +121,15 @@ macro_rules! on_cpu {
             fn broken_invariant(&self) -> Option<String> {
                 $invariant(self)
             }
+
+            $($more!();)*
         }
     };
 }
 
-on_cpu!(BruteForce, |_| None);
+on_cpu!(BruteForce, |_| None, knn, boxes);
 on_cpu!(UniformGrid, UniformGrid::broken_invariant);
-on_cpu!(LinearOctree, LinearOctree::broken_invariant);
+on_cpu!(LinearOctree, LinearOctree::broken_invariant, knn, boxes);
 
 /// Settings of a grid over a plan.
 type Settings = fn(&Plan<'_>) -> GridSettings;
@@ -171,7 +203,7 @@ macro_rules! grid_on_cpu {
 
 #[cfg(feature = "gpu")]
 macro_rules! on_gpu {
-    ($structure:ty, $invariant:expr) => {
+    ($structure:ty, $invariant:expr $(, $more:ident)*) => {
         impl Built for $structure {
             fn visit(&self, _: &FixedRadius<'_>, _: &Visitor<'_>) -> Option<Result<()>> {
                 None
@@ -188,19 +220,26 @@ macro_rules! on_gpu {
             fn run_visitor(&self, question: &FixedRadius<'_>, visitor: &DeviceVisitor<'_>) -> Option<Result<Report>> {
                 Some(self.for_each_on_device(question, visitor))
             }
+
+            $($more!();)*
         }
     };
 }
 
 #[cfg(feature = "gpu")]
-on_gpu!(GpuBruteForce, |_| None);
+on_gpu!(GpuBruteForce, |_| None, knn);
 #[cfg(feature = "gpu")]
 on_gpu!(GpuUniformGrid, |_| None);
 #[cfg(feature = "gpu")]
-on_gpu!(GpuLinearOctree, |tree: &GpuLinearOctree| match tree.read() {
-    Ok(tree) => tree.broken_invariant(),
-    Err(error) => Some(error.to_string()),
-});
+on_gpu!(
+    GpuLinearOctree,
+    |tree: &GpuLinearOctree| match tree.read() {
+        Ok(tree) => tree.broken_invariant(),
+        Err(error) => Some(error.to_string()),
+    },
+    knn,
+    boxes
+);
 
 #[cfg(feature = "gpu")]
 macro_rules! grid_on_gpu {
@@ -318,10 +357,15 @@ impl Subject {
             Device::Cpu => {
                 let search = match self.structure {
                     "brute-force" => "all-pairs",
+                    "linear-octree" if asked == Asked::Knn => "nearest-octants",
                     "linear-octree" => "octants",
                     _ => "row-runs",
                 };
-                let kernel = if asked == Asked::Count { "row_simd::count" } else { "row_simd::collect" };
+                let kernel = match asked {
+                    Asked::Count => "row_simd::count",
+                    Asked::Boxes => "boxes",
+                    _ => "row_simd::collect",
+                };
                 (report.device.starts_with("cpu ("), search, vec![kernel.to_owned()])
             }
             #[cfg(feature = "gpu")]
@@ -348,6 +392,7 @@ impl Subject {
     /// Whether the host ordered or cut rows, which it does only for devices that end long loops, and says so.
     #[cfg(feature = "gpu")]
     fn is_by_the_host(&self, report: &Report, asked: Asked) -> bool {
+        let asked = self.answered_as(asked);
         let is_ordered = matches!(asked, Asked::CappedList | Asked::List { sorted: true, .. });
         let said = report.notes.iter().any(|note| note.contains("the host"));
         // The device may still sort rows that the host only cuts.
@@ -369,16 +414,28 @@ impl Subject {
         false
     }
 
+    /// Brute force on a device has no search of its own for the nearest: it cuts lists.
+    #[cfg(feature = "gpu")]
+    fn answered_as(&self, asked: Asked) -> Asked {
+        if asked == Asked::Knn && self.structure == "brute-force" { Asked::CappedList } else { asked }
+    }
+
     /// The search and the kernels that answer on a device.
     #[cfg(feature = "gpu")]
     fn on_gpu(&self, asked: Asked) -> (&'static str, Vec<String>) {
+        let asked = self.answered_as(asked);
+        match asked {
+            Asked::Knn => return ("nearest-octants", vec!["package::query::knn".to_owned()]),
+            Asked::Boxes => return ("thread-a-box", vec!["package::query::boxes".to_owned()]),
+            _ => {}
+        }
         let by_masks = self.structure != "brute-force" && asked == (Asked::List { sorted: false, distances: false });
         let (search, visitors): (_, &[&str]) = match asked {
             Asked::Count => ("thread-a-query", &["count"]),
             Asked::List { .. } if by_masks => ("row-masks", &["row_masks"]),
             Asked::List { .. } => ("two-pass", &["count", "fill"]),
             Asked::CappedList => ("nearest-k", &["nearest_k"]),
-            Asked::Nearest => ("thread-a-query", &["nearest"]),
+            Asked::Nearest | Asked::Knn | Asked::Boxes => ("thread-a-query", &["nearest"]),
         };
         let traverse = format!("package::structure::{}::traverse", self.structure.replace('-', "_"));
         let kernel = |v: &&str| format!("package::query::fixed_radius with {traverse} and package::query::{v}");

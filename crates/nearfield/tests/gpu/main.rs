@@ -10,6 +10,7 @@ mod plumbing;
 mod rows;
 #[path = "../support/mod.rs"]
 mod support;
+mod trees;
 mod visitors;
 
 use libtest_mimic::{Arguments, Trial};
@@ -99,5 +100,6 @@ fn main() {
     trials.extend(loss::trials());
     trials.extend(visitors::trials());
     trials.extend(rows::trials());
+    trials.extend(trees::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

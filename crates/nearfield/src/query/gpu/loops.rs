@@ -100,6 +100,18 @@ pub(super) fn of_nearest_k(places: u32) -> VisitorRounds {
     VisitorRounds { each: 2 * levels(places), finish: u64::from(places) * (1 + levels(places)) }
 }
 
+/// Rounds of the kernel `knn` that looks at up to so many nodes and points.
+pub(super) fn of_knn(steps: u64, places: u32) -> u64 {
+    // Eight children on each of 21 levels to find where to start.
+    const LOCATE: u64 = 8 * 21 + 1;
+    let (places, levels) = (u64::from(places), levels(places));
+    // Invocations in step begin together with points until their rows are full, one of which may be left out: only then
+    // are points pushed. Later ones may be sifted down.
+    let pushed = (places + 1) * levels;
+    let sorted_and_emptied = places * (1 + levels) + places + 2;
+    steps.saturating_mul(1 + levels).saturating_add(LOCATE + 1 + pushed + sorted_and_emptied)
+}
+
 /// Whether the device's kernel can sort rows that long.
 pub(super) fn can_sort(gpu: &Gpu, longest_row: u32) -> bool {
     // `heapify` moves half of the elements and `sort_heap` all of them.
@@ -136,6 +148,14 @@ mod tests {
         let all = Traversal { short_loops: true, all_points: true };
         assert_eq!(choose(walk, points(1000), VisitorRounds::default(), LIMIT), Some(all));
         assert_eq!(choose(walk, points(500_000), VisitorRounds::default(), LIMIT), None);
+    }
+
+    #[test]
+    fn rounds_of_the_nearest_grow_with_points_and_places() {
+        // One place: a look at the one level of its heap and the look that ends it.
+        assert_eq!(of_knn(0, 1), 169 + 1 + 2 * 2 + 3 + 3);
+        assert_eq!(of_knn(1000, 1) - of_knn(0, 1), 3 * 1000);
+        assert_eq!(of_knn(1000, 33) - of_knn(0, 33), 8 * 1000);
     }
 
     #[test]

@@ -2,11 +2,14 @@
 //!
 //! `visit` runs a visitor; `answers` are count and nearest; `list` is the list with its batches, `capped_list` that of
 //! the nearest; `on_device` leaves answers there; `row_masks` is the fast way to write rows; `visitor` takes a caller's
-//! own WGSL; `loops` keeps answers exact on devices that end long loops.
+//! own WGSL; `knn` finds the nearest of a tree and `boxes` what
+//! lies in boxes; `loops` keeps answers exact on devices that end long loops.
 
 mod answers;
 mod batch;
+mod boxes;
 mod capped_list;
+mod knn;
 mod list;
 mod loops;
 mod on_device;
@@ -14,6 +17,7 @@ mod row_masks;
 mod visit;
 mod visitor;
 
+pub use knn::GpuNearestNeighbors;
 pub use on_device::{GpuNeighborRows, GpuNeighbors, SearchOnDevice};
 #[doc(hidden)]
 pub use visit::Batch;

@@ -79,6 +79,11 @@ impl QueryBuffers {
         Ok(Self { queries, radii: radii(structure, question, window)?, first_id })
     }
 
+    /// `[n]` the queries with the caller's indices.
+    pub(super) fn points(&self) -> &Buffer<DevicePoint> {
+        &self.queries
+    }
+
     /// Number of queries.
     pub(super) fn len(&self) -> usize {
         self.queries.len()

@@ -1,8 +1,10 @@
 //! How much a traversal of the octree on a device can have to do: bounds for devices that end long loops.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::LinearOctree;
+use super::walk::{BoxCells, Meeting};
 use crate::geometry::Aabb;
 use crate::structure::{CpuStructure, Effort};
 
@@ -46,4 +48,72 @@ pub(super) fn most(tree: &LinearOctree, radius: f32, queries: Option<&Aabb>, in_
         candidates: (candidates * in_step).min(everything.candidates),
         rounds: (visited + 2 * leaves * in_step).min(everything.rounds * in_step),
     }
+}
+
+/// The most nodes and points that the kernel `knn` looks at for any of the queries, `None` for the points themselves.
+///
+/// The kernel's search goes no farther than the k-th point of the node that it starts with; here that distance is never
+/// shortened, and it is lengthened by more than devices differ.
+pub(super) fn most_nearest_steps(
+    tree: &LinearOctree,
+    queries: Option<&[Vec3]>,
+    places: usize,
+    exclude_self: bool,
+) -> u64 {
+    let wanted = places + usize::from(exclude_self);
+    let (points, period) = (CpuStructure::points(tree), CpuStructure::period(tree));
+    let steps = |query: Vec3, left_out: Option<u32>| {
+        let Some(start) = tree.smallest_around(query, wanted) else { return 0 };
+        let inside = tree.nodes()[start].points().filter(|&i| Some(points.id(i)) != left_out);
+        let mut dist2: Vec<f32> = inside.map(|i| period.dist2(query, points.position(i))).collect();
+        let reach2 = match places {
+            0 => 0.0,
+            _ if dist2.len() < places => f32::INFINITY,
+            _ => *dist2.select_nth_unstable_by(places - 1, f32::total_cmp).1 * (1.0 + 1e-5) + 1e-36,
+        };
+        let probe = tree.layout.probe(query);
+        let mut steps = u64::from(tree.nodes()[start].n_points());
+        let mut next = 0u32;
+        while let Some(node) = tree.nodes().get(next as usize) {
+            steps += 1;
+            let is_taken = next as usize == start;
+            next = node.rope;
+            if !is_taken && tree.layout.dist2_below(&probe, node) <= reach2 {
+                if node.is_leaf() {
+                    steps += u64::from(node.n_points());
+                } else {
+                    next = node.first_child;
+                }
+            }
+        }
+        steps
+    };
+    match queries {
+        Some(queries) => queries.par_iter().map(|&query| steps(query, None)).max().unwrap_or(0),
+        None => {
+            let own = |i: usize| steps(points.position(i), exclude_self.then_some(points.id(i)));
+            (0..points.len()).into_par_iter().map(own).max().unwrap_or(0)
+        }
+    }
+}
+
+/// The most nodes and points that the kernel `boxes` looks at for any of the boxes, given by their lowest and highest
+/// cells; with the points of nodes that lie inside, where it writes them out.
+pub(super) fn most_box_steps(tree: &LinearOctree, boxes: &[[[u32; 3]; 2]], writes: bool) -> u64 {
+    let steps = |&[low, high]: &[[u32; 3]; 2]| {
+        let cells = BoxCells::between(low, high);
+        let (mut steps, mut next) = (0u64, 0u32);
+        while let Some(node) = tree.nodes().get(next as usize) {
+            steps += 1;
+            next = node.rope;
+            match cells.meet(node) {
+                Meeting::Apart => {}
+                Meeting::Inside => steps += if writes { u64::from(node.n_points()) } else { 0 },
+                Meeting::Partly if node.is_leaf() => steps += u64::from(node.n_points()),
+                Meeting::Partly => next = node.first_child,
+            }
+        }
+        steps
+    };
+    boxes.par_iter().map(steps).max().unwrap_or(0)
 }

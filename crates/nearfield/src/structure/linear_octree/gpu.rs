@@ -91,6 +91,28 @@ impl GpuLinearOctree {
         &self.post_order
     }
 
+    /// What the kernels know of the tree.
+    pub(crate) fn layout(&self) -> &Buffer<OctreeLayout> {
+        &self.layout_buffer
+    }
+
+    /// The most nodes and candidates that a search of the nearest `places` points looks at, for any of these queries;
+    /// `None` for the points themselves. For devices that end long loops.
+    pub(crate) fn most_nearest_steps(
+        &self,
+        queries: Option<&[Vec3]>,
+        places: usize,
+        exclude_self: bool,
+    ) -> Result<u64> {
+        Ok(effort::most_nearest_steps(&self.read()?, queries, places, exclude_self))
+    }
+
+    /// The most nodes and points that a search of boxes with these lowest and highest cells looks at for any of them.
+    /// For devices that end long loops.
+    pub(crate) fn most_box_steps(&self, boxes: &[[[u32; 3]; 2]], writes: bool) -> Result<u64> {
+        Ok(effort::most_box_steps(&self.read()?, boxes, writes))
+    }
+
     /// The same tree on the host: a copy of everything.
     ///
     /// Points that came with indices of the caller's own keep them where they are a permutation of 0 … n − 1.

@@ -32,6 +32,7 @@ mod effort;
 mod gpu;
 mod layout;
 mod locate;
+mod nearest;
 mod region;
 mod settings;
 #[cfg(test)]

@@ -5,6 +5,7 @@ use std::ops::Range;
 use super::LinearOctree;
 use super::layout::{NONE, OctreeNode};
 use super::region::CellRegion;
+use crate::geometry::Aabb;
 
 impl LinearOctree {
     /// Number of levels: one more than the depth; 0 without points.
@@ -79,6 +80,61 @@ impl LinearOctree {
                 } else {
                     next = node.first_child;
                 }
+            }
+        }
+    }
+}
+
+/// The cells of a box: all that its points can have, and those whose points are surely inside.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BoxCells {
+    all: CellRegion,
+    inner: CellRegion,
+}
+
+/// What a box is to a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Meeting {
+    /// No point of the node is inside.
+    Apart,
+    /// Points of the node may be inside.
+    Partly,
+    /// All points of the node are inside.
+    Inside,
+}
+
+impl BoxCells {
+    /// Cells grow with coordinates: a cell above that of the lower corner has only coordinates above the corner's.
+    pub(super) fn between(low: [u32; 3], high: [u32; 3]) -> Self {
+        let all = CellRegion::between(low, high);
+        let inner = CellRegion::between(low.map(|cell| cell + 1), high.map(|cell| cell.saturating_sub(1)));
+        Self { all, inner }
+    }
+
+    #[inline(always)]
+    pub(super) fn meet(&self, node: &OctreeNode) -> Meeting {
+        match (self.all.overlaps(node), self.inner.contains(node)) {
+            (false, _) => Meeting::Apart,
+            (true, false) => Meeting::Partly,
+            (true, true) => Meeting::Inside,
+        }
+    }
+}
+
+impl LinearOctree {
+    /// Hands over spans of points that together hold all points in the closed box, each once and along the curve, and
+    /// whether all points of the span are inside.
+    pub(crate) fn spans_in_box(&self, aabb: &Aabb, mut visit: impl FnMut(Range<usize>, bool)) {
+        let cells = BoxCells::between(self.domain().cell_of(aabb.min), self.domain().cell_of(aabb.max));
+        let nodes = self.nodes();
+        let mut next = if nodes.is_empty() { NONE } else { 0 };
+        while let Some(node) = nodes.get(next as usize) {
+            next = node.rope;
+            match cells.meet(node) {
+                Meeting::Apart => {}
+                Meeting::Inside => visit(node.points(), true),
+                Meeting::Partly if node.is_leaf() => visit(node.points(), false),
+                Meeting::Partly => next = node.first_child,
             }
         }
     }

@@ -1,0 +1,91 @@
+//! The k nearest points of every case: k around the capacities of leaves, without any, and more than there are.
+
+use nearfield::{Knn, NearestNeighbors};
+
+use crate::compare::{self, NearestRows, Verdict};
+use crate::questions::Solved;
+use crate::subjects::{Asked, Built, Subject};
+
+/// Who asks, for how many, and whether without the point itself.
+struct Question {
+    own: bool,
+    k: u32,
+    exclude_self: bool,
+}
+
+const fn points(k: u32) -> Question {
+    Question { own: true, k, exclude_self: false }
+}
+
+const fn points_without_self(k: u32) -> Question {
+    Question { own: true, k, exclude_self: true }
+}
+
+const fn others(k: u32) -> Question {
+    Question { own: false, k, exclude_self: false }
+}
+
+const QUESTIONS: &[Question] = &[
+    points(0),
+    points(1),
+    points_without_self(1),
+    points_without_self(3),
+    points(16),
+    points(31),
+    points(32),
+    points_without_self(32),
+    points(33),
+    others(0),
+    others(1),
+    others(4),
+    others(33),
+];
+
+/// Up to this many points, all and more than all of them are asked for, too.
+const MOST_POINTS_FOR_ALL: usize = 100;
+
+/// Asks every question, where the structure answers them.
+pub(crate) fn ask_everything(subject: &Subject, built: &dyn Built, solved: &Solved<'_>) -> Verdict {
+    let n = solved.case.points.len();
+    let beyond = [points(2 * n as u32 + 3), points_without_self(n as u32), others(n as u32 + 1)];
+    let beyond = beyond.iter().filter(|_| n <= MOST_POINTS_FOR_ALL);
+    for question in QUESTIONS.iter().chain(beyond) {
+        let &Question { own, k, exclude_self } = question;
+        put(subject, built, solved, question).map_err(|difference| {
+            format!("{k} nearest, of points {own}, self left out {exclude_self}: {difference}")
+        })?;
+    }
+    Ok(())
+}
+
+fn put(subject: &Subject, built: &dyn Built, solved: &Solved<'_>, ask: &Question) -> Verdict {
+    let problem = solved.everywhere(ask.own);
+    let mut question = Knn::new(ask.k);
+    if !ask.own {
+        question = question.queries(problem.queries);
+    }
+    question.exclude_self = ask.exclude_self;
+    let Some(answer) = built.knn(&question) else { return Ok(()) };
+    let answer = answer.map_err(|error| error.to_string())?;
+    if answer.len() != problem.queries.len() || answer.k() != ask.k as usize {
+        return Err(format!("{} rows of {}", answer.len(), answer.k()));
+    }
+    let rows = NearestRows { k: answer.k(), indices: answer.indices(), distances: answer.distances() };
+    compare::knn(problem, ask.exclude_self, &rows, subject.rule(solved.case.exact && problem.own))?;
+    check_accessors(&answer)?;
+    subject.check_report(&answer.report, Asked::Knn)
+}
+
+/// Rows and single neighbours are parts of the arrays.
+fn check_accessors(answer: &NearestNeighbors) -> Verdict {
+    for i in 0..answer.len() {
+        let (start, found) = (i * answer.k(), answer.found(i));
+        let same = answer.row(i) == &answer.indices()[start..start + found]
+            && answer.row_distances(i) == &answer.distances()[start..start + found]
+            && answer.nearest(i).map(|n| n.index) == answer.row(i).first().copied();
+        if !same {
+            return Err(format!("row {i} is not that of the arrays"));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,117 @@
+//! The nearest points and points in boxes on the octree of the device: batches, refused memory, rows that stay there.
+
+use libtest_mimic::Trial;
+use nearfield::gpu::Gpu;
+use nearfield::{
+    Aabb, BoxSearch, Boxes, Error, GpuLinearOctree, Knn, KnnSearch, LinearOctree, OctreeSettings, Result, Vec3,
+};
+
+use crate::support::gpu_trial;
+use crate::{lattice_points, own_context};
+
+pub(crate) fn trials() -> Vec<Trial> {
+    vec![
+        gpu_trial("nearest_points_in_batches_are_the_same", nearest_in_batches),
+        gpu_trial("points_in_boxes_in_batches_are_the_same", boxes_in_batches),
+        gpu_trial("nearest_points_stay_on_the_device", nearest_on_device),
+        gpu_trial("refused_memory_of_a_tree_is_an_error_or_a_smaller_batch", refused_memory),
+    ]
+}
+
+const SETTINGS: OctreeSettings = OctreeSettings::DEFAULT;
+
+fn trees(gpu: &Gpu, n: usize) -> (LinearOctree, GpuLinearOctree) {
+    let points = lattice_points(n);
+    (LinearOctree::build(&points, &SETTINGS).unwrap(), GpuLinearOctree::build(gpu, &points, &SETTINGS).unwrap())
+}
+
+fn boxes() -> Vec<Aabb> {
+    lattice_points(300).into_iter().map(|p| Aabb::new(p, p + Vec3::new(0.125, 0.25, 0.5))).collect()
+}
+
+/// Runs `work` with ever less memory until it fails; it gives the same answer in more and more batches.
+fn with_less_memory<T>(gpu: &Gpu, work: impl Fn() -> Result<T>, batches_if_right: impl Fn(&T) -> u32) {
+    let mut most_batches = 0;
+    for shift in 10..24 {
+        gpu.set_memory_limit(gpu.memory_used() + (1 << (33 - shift)));
+        match work() {
+            Ok(answer) => most_batches = most_batches.max(batches_if_right(&answer)),
+            Err(Error::OutOfDeviceMemory { .. }) => break,
+            Err(error) => panic!("{error}"),
+        }
+    }
+    gpu.set_memory_limit(u64::MAX);
+    assert!(most_batches > 2, "{most_batches} batches");
+}
+
+fn nearest_in_batches(gpu: &Gpu) {
+    let gpu = own_context(gpu);
+    let (cpu, tree) = trees(&gpu, 2000);
+    let others = lattice_points(1500);
+    for question in [Knn::new(9), Knn::new(5).exclude_self(), Knn::new(3).queries(&others)] {
+        let expected = cpu.knn(&question).unwrap();
+        with_less_memory(
+            &gpu,
+            || tree.knn(&question),
+            |found| {
+                assert_eq!(found.indices(), expected.indices());
+                assert_eq!(found.distances(), expected.distances());
+                found.report.batches
+            },
+        );
+    }
+}
+
+fn boxes_in_batches(gpu: &Gpu) {
+    let gpu = own_context(gpu);
+    let (cpu, tree) = trees(&gpu, 2000);
+    let boxes = boxes();
+    let question = Boxes::new(&boxes);
+    let expected = cpu.list_in_boxes(&question).unwrap();
+    assert!(expected.summary().mean > 10.0, "boxes should hold points");
+    with_less_memory(
+        &gpu,
+        || tree.list_in_boxes(&question),
+        |found| {
+            assert_eq!((found.offsets(), found.indices()), (expected.offsets(), expected.indices()));
+            found.report.batches
+        },
+    );
+}
+
+fn nearest_on_device(gpu: &Gpu) {
+    let (cpu, tree) = trees(gpu, 500);
+    for (k, places) in [(0, 0), (7, 7)] {
+        let expected = cpu.knn(&Knn::new(k)).unwrap();
+        let found = tree.knn_on_device(&Knn::new(k)).unwrap();
+        assert_eq!(found.places, places);
+        assert_eq!(gpu.read(&found.indices).unwrap(), expected.indices());
+        let distances: Vec<f32> = gpu.read(&found.dist2).unwrap().into_iter().map(f32::sqrt).collect();
+        assert_eq!(distances, expected.distances());
+    }
+    let (_, tree) = trees(gpu, 10);
+    assert_eq!(tree.knn_on_device(&Knn::new(40).exclude_self()).unwrap().places, 9);
+}
+
+fn refused_memory(gpu: &Gpu) {
+    let gpu = own_context(gpu);
+    let (cpu, tree) = trees(&gpu, 300);
+    let boxes = boxes();
+    let (knn, question) = (Knn::new(4), Boxes::new(&boxes));
+    let (nearest, inside) = (cpu.knn(&knn).unwrap(), cpu.list_in_boxes(&question).unwrap());
+    for n in 0..40 {
+        gpu.refuse_allocation(Some(n));
+        let found = tree.knn(&knn);
+        gpu.refuse_allocation(Some(n));
+        let listed = tree.list_in_boxes(&question);
+        gpu.refuse_allocation(None);
+        match found {
+            Ok(found) => assert_eq!(found.indices(), nearest.indices(), "allocation {n}"),
+            Err(error) => assert!(matches!(error, Error::OutOfDeviceMemory { .. }), "allocation {n}: {error}"),
+        }
+        match listed {
+            Ok(listed) => assert_eq!(listed.indices(), inside.indices(), "allocation {n}"),
+            Err(error) => assert!(matches!(error, Error::OutOfDeviceMemory { .. }), "allocation {n}: {error}"),
+        }
+    }
+}
