@@ -30,15 +30,22 @@ pub enum RankMethod {
     Counters,
 }
 
-/// Most subgroups of a workgroup in scatter_ballot.wesl, and its workgroup memory.
-const MAX_SUBGROUPS: u32 = 8;
-const BALLOT_BYTES: u32 = 27 * 1024;
-/// Keys of one invocation, as in pass.wesl.
-const BALLOT_ITEMS: usize = 16;
+/// Most subgroups of a workgroup in scatter_ballot.wesl, and most of its invocations.
+const MAX_SUBGROUPS: u32 = 16;
+const MAX_BALLOT_WORKGROUP: u32 = 512;
+/// Workgroup memory of scatter_ballot.wesl, and keys of one invocation, as in pass.wesl.
+///
+/// Two workgroups must fit into 48 KiB: an H200 has more for each multiprocessor, but under Vulkan times tell that all
+/// workgroups there share that much (two of 23.1 KiB run together but of 26.1 one, three of 14.1 but of 16.1 two).
+/// 10 M u32 pairs by 32 bits: 654 µs with one workgroup of 256 × 16 keys, 566 with two of them, 472 with three of
+/// 256 × 12, 457 with two of 512 × 8, 422 with two of 512 × 10, 397 with two of 512 × 11.
+const BALLOT_BYTES: u32 = 24 * 1024;
+const BALLOT_ITEMS: usize = 11;
 const COUNTER_ITEMS: usize = 8;
 /// Counts of the single-pass form have 30 bits.
 const MOST_IN_SINGLE_PASS: usize = (1 << 30) - 1;
-/// Workgroups of the survey: enough for any device, and few enough that adding up their counts is cheap.
+/// Workgroups of the survey: enough for any device, and few enough that adding up their counts is cheap (10 M u32 keys on
+/// an H200: 30 µs by 264 workgroups, 36 by 1024; u64 73 and 71).
 const SURVEY_WORKGROUPS: usize = 1024;
 /// Words of a step of the plan, as in pass.wesl.
 const STEP_WORDS: usize = 4;
@@ -75,8 +82,8 @@ enum Origin {
 impl<K: SortKey> GpuRadixSort<K> {
     /// A plan for up to `capacity` pairs, by the fastest method of the device.
     ///
-    /// Its scratch memory is a second pair of buffers, and 4 bytes for each digit and tile: 1 byte a pair with subgroups
-    /// of 8 lanes, a quarter with 32.
+    /// Its scratch memory is a second pair of buffers, and 4 bytes for each digit and tile: 0.7 bytes a pair with
+    /// subgroups of 8 lanes, 0.2 with 32.
     ///
     /// # Errors
     /// `TooMany` beyond 2³¹ pairs, `OutOfDeviceMemory`, `KernelRejected`.
@@ -101,7 +108,7 @@ impl<K: SortKey> GpuRadixSort<K> {
     /// workgroups that have started do not go on.
     ///
     /// # Errors
-    /// `Unsupported` for ballots on a device without subgroup operations, with less than 27 KiB of workgroup memory, or
+    /// `Unsupported` for ballots on a device without subgroup operations, with less than 24 KiB of workgroup memory, or
     /// with more lanes than the method has; `TooMany` for 2³⁰ pairs or more in a single pass; the other errors of
     /// [`GpuRadixSort::new`].
     pub fn with_method(gpu: &Gpu, capacity: usize, method: RankMethod) -> Result<Self> {
@@ -298,7 +305,7 @@ impl<K: SortKey> GpuRadixSort<K> {
 fn ballot_workgroup(gpu: &Gpu) -> Option<u32> {
     let limits = gpu.limits();
     let (smallest, largest) = limits.subgroup?;
-    let workgroup = (MAX_SUBGROUPS * smallest).min(WORKGROUP);
-    let fits = workgroup <= limits.workgroup_invocations && limits.workgroup_bytes >= BALLOT_BYTES;
-    (fits && largest > 0 && workgroup.is_multiple_of(largest)).then_some(workgroup)
+    let most = MAX_BALLOT_WORKGROUP.min(limits.workgroup_invocations);
+    let workgroup = (MAX_SUBGROUPS * smallest).min(most);
+    (limits.workgroup_bytes >= BALLOT_BYTES && largest > 0 && workgroup.is_multiple_of(largest)).then_some(workgroup)
 }
