@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use nearfield::query::{CutRow, Neighbor};
 use nearfield::{Aabb, FixedRadius, NearestNeighbors, RowOrder, Vec3};
 
-use crate::reference::{Hit, Problem, Row, difference, ulp};
+use crate::reference::{Hit, Problem, Row, difference, flushed, ulp};
 
 /// How near an answer must come to the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -362,8 +362,8 @@ fn dist2(problem: &Problem<'_>, query: u32, point: u32) -> f32 {
 
 /// Rounding of one distance on a device; larger where small squares are flushed or a far image is wrapped.
 fn near_enough(problem: &Problem<'_>, query: u32, point: u32, distance: f64) -> f64 {
-    let flushed = if distance < 4e-19 { 4e-19 } else { 0.0 };
-    4.0 * ulp(distance as f32) + flushed + problem.wrap_rounding(query, point)
+    // Where two distances are compared, both may be off.
+    4.0 * ulp(distance as f32) + 2.0 * flushed(distance) + problem.wrap_rounding(query, point)
 }
 
 /// Whether two points are equally far under any rounding: the same differences by axis, up to the sign, of which none

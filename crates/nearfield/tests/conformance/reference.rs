@@ -94,7 +94,7 @@ impl<'a> Problem<'a> {
     /// Distance from the sphere's surface within which a device may decide either way.
     fn slack(&self, query: u32, point: u32) -> f64 {
         let radius = self.radii[query as usize];
-        4.0 * ulp(radius) + flushed(radius) + self.wrap_rounding(query, point)
+        4.0 * ulp(radius) + flushed(radius.into()) + self.wrap_rounding(query, point)
     }
 
     /// What a fused wrap saves: the rounding of length × turns, which is exact for one turn and less.
@@ -126,8 +126,10 @@ pub(crate) fn ulp(x: f32) -> f64 {
     f64::from(x.abs().next_up()) - f64::from(x.abs())
 }
 
-/// How far a device may be off where it flushes small squares to zero: by the root of the smallest normal number on
-/// each axis.
-fn flushed(radius: f32) -> f64 {
-    if radius < 4e-19 { 1.9e-19 } else { 0.0 }
+/// How far a distance may be off on a device that flushes squares below the smallest normal number to zero: three of them
+/// are missing from its own square.
+pub(crate) fn flushed(distance: f64) -> f64 {
+    let squares = 3.0 * f64::from(f32::MIN_POSITIVE);
+    let (less, more) = ((distance.powi(2) - squares).max(0.0).sqrt(), (distance.powi(2) + squares).sqrt());
+    (distance - less).max(more - distance)
 }
