@@ -25,8 +25,8 @@ pub(crate) fn write(path: &Path, octree: &Octree, force: bool) -> nearfield::Res
         ("parents", NpyArray::U32(&parents)),
         ("first_children", NpyArray::U32(&first_children)),
         ("child_masks", NpyArray::U8(&masks)),
-        ("pre_order", NpyArray::U32(tree.pre_order())),
-        ("post_order", NpyArray::U32(tree.post_order())),
+        ("pre_order", NpyArray::U32(tree.pre_order_numbers())),
+        ("post_order", NpyArray::U32(tree.post_order_numbers())),
         ("order", NpyArray::U32(tree.ordered_points().ids())),
     ];
     let parts = octree.split.as_ref().map(|split| split.partition.owners(&octree.cloud.points));

@@ -286,8 +286,8 @@ impl CurveOrder {
 
 fn check_tree(gpu: &Gpu, case: &Case, tree: &GpuLinearOctree) -> Result<()> {
     same("nodes", &gpu.read::<OctreeNode>(tree.nodes())?, case.tree.nodes())?;
-    same("numbers in pre-order", &gpu.read(tree.pre_order())?, case.tree.pre_order())?;
-    same("numbers in post-order", &gpu.read(tree.post_order())?, case.tree.post_order())?;
+    same("numbers in pre-order", &gpu.read(tree.pre_order_numbers())?, case.tree.pre_order_numbers())?;
+    same("numbers in post-order", &gpu.read(tree.post_order_numbers())?, case.tree.post_order_numbers())?;
     let ids = gpu.read(tree.ids().expect("the octree should keep indices"))?;
     same("order of the points", &ids, case.tree.ordered_points().ids())
 }

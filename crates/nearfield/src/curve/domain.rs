@@ -5,7 +5,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{Curve, MAX_LEVEL};
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, validate};
+use crate::parallel::reduce;
 use crate::{Error, Result};
 
 /// Smallest edge of a domain: one over it, times the number of cells, is a normal f32. Points closer together than
@@ -35,7 +36,7 @@ impl Domain {
     /// # Errors
     /// `NonFinite`, `CoordinateTooLarge` for the corner; `InvalidSetting` for an edge that is not between 2⁻⁸⁰ and 2.1e18.
     pub fn new(origin: Vec3, edge: f32) -> Result<Self> {
-        crate::geometry::validate::coordinates("corners of the domain", &[origin])?;
+        validate::coordinates("corners of the domain", &[origin])?;
         if !(SMALLEST_EDGE..=LARGEST_EDGE).contains(&edge) {
             return Err(Error::InvalidSetting {
                 setting: "edge of the domain",
@@ -53,6 +54,17 @@ impl Domain {
             return Self::with(Vec3::ZERO, 1.0);
         }
         Self::with(bounds.min, bounds.extent().max_element().clamp(SMALLEST_EDGE, LARGEST_EDGE))
+    }
+
+    /// The domain of these points: the given one, which must hold them, or the smallest around them.
+    ///
+    /// # Errors
+    /// `TooMany`, `NonFinite`, `CoordinateTooLarge`; `OutsideDomain` for points outside the given one.
+    pub fn of_points(points: &[Vec3], given: Option<Self>) -> Result<Self> {
+        validate::points(points)?;
+        let Some(domain) = given else { return Ok(Self::of_bounds(&reduce::bounds(points))) };
+        domain.check_contains("points", points)?;
+        Ok(domain)
     }
 
     fn with(origin: Vec3, edge: f32) -> Self {
@@ -114,7 +126,7 @@ impl Domain {
         curve.encode(self.cell_of(point))
     }
 
-    /// A box that holds every point whose cell at [`MAX_LEVEL`] is between `low` and `high`, both included: the cells'
+    /// A box that holds every point of the domain whose cell at [`MAX_LEVEL`] is between `low` and `high`, both included: the cells'
     /// own box and a little more, for the rounding of cells (2⁻²¹ of the edge).
     pub fn bounds_of(&self, low: [u32; 3], high: [u32; 3]) -> Aabb {
         let size = f64::from(self.edge) / f64::from(1u32 << MAX_LEVEL);

@@ -9,6 +9,8 @@ use crate::geometry::Aabb;
 /// All relations but those that name a place in space (`neighbor`, `cell`, `bounds`) hold for either curve, as a key's
 /// prefix is the ancestor's key. Every operation takes constant time.
 ///
+/// Zeroed memory is no octant; asked anyway, it answers as the root.
+///
 /// The order is that of a pre-order walk: along the curve, an octant before its descendants.
 #[repr(transparent)]
 #[derive(Clone, Copy, PartialEq, Eq, Hash, bytemuck::Pod, bytemuck::Zeroable)]
@@ -42,25 +44,25 @@ impl Octant {
     /// Level: 0 for the root.
     #[inline(always)]
     pub fn level(self) -> u32 {
-        (63 - self.0.leading_zeros()) / 3
+        (63 - (self.0 | 1).leading_zeros()) / 3
     }
 
     /// The key among the cells of its own level.
     #[inline(always)]
     pub fn key(self) -> u64 {
-        self.0 ^ 1 << (3 * self.level())
+        self.0 & !(1 << (3 * self.level()))
     }
 
     /// The smallest 63-bit key of a cell inside.
     #[inline(always)]
     pub fn first_key(self) -> u64 {
-        self.0 << self.0.leading_zeros() & !(1 << 63)
+        (self.0 | u64::from(self.0 == 0)) << (self.0 | 1).leading_zeros() & !(1 << 63)
     }
 
     /// The largest 63-bit key of a cell inside.
     #[inline(always)]
     pub fn last_key(self) -> u64 {
-        self.first_key() | ((1 << self.0.leading_zeros()) - 1)
+        self.first_key() | ((1 << (self.0 | 1).leading_zeros()) - 1)
     }
 
     /// Whether `other` is this octant or inside it.

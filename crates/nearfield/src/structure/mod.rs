@@ -23,9 +23,9 @@ pub use brute_force::GpuBruteForce;
 #[cfg(feature = "gpu")]
 pub use dense_octree::GpuDenseOctree;
 pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};
+pub use linear_octree::{Contact, LeafNeighbors, LinearOctree, OctreeNode, OctreeSettings};
 #[cfg(feature = "gpu")]
-pub use linear_octree::{GpuLinearOctree, OctreeBuilder};
-pub use linear_octree::{LinearOctree, OctreeNode, OctreeSettings};
+pub use linear_octree::{GpuLeafNeighbors, GpuLinearOctree, OctreeBuilder};
 #[cfg(feature = "gpu")]
 pub(crate) use on_gpu::device_points;
 #[cfg(feature = "gpu")]

@@ -29,12 +29,17 @@ const SMALLEST_CHUNK: usize = 16_384;
 /// Digits that are the same in every key cost one look at the keys and no move.
 ///
 /// # Errors
-/// `LengthMismatch` if there is not one value a key, `InvalidSetting` for bits beyond those of the key.
+/// `LengthMismatch` if there is not one value a key, `InvalidSetting` for bits beyond those of the key,
+/// `TooMany` beyond 2³² - 1 pairs.
 pub fn sort_pairs<K: SortKey>(keys: &mut Vec<K>, values: &mut Vec<u32>, bits: Range<u32>) -> Result<()> {
     check_bits::<K>(&bits)?;
     if keys.len() != values.len() {
         let (found, expected) = (values.len() as u64, keys.len() as u64);
         return Err(Error::LengthMismatch { what: "values to sort", found, expected });
+    }
+    let (found, limit) = (keys.len() as u64, u64::from(u32::MAX));
+    if found > limit {
+        return Err(Error::TooMany { what: "pairs to sort", found, limit, advice: "sort in parts" });
     }
     if keys.len() < SMALLEST_RADIX_SORT {
         sort_few_pairs(keys, values, &bits);

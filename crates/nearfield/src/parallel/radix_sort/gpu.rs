@@ -135,8 +135,13 @@ impl<K: SortKey> GpuRadixSort<K> {
         let radix = 1 << Self::widest(method);
         let most_passes = 64 / Self::widest(method) as usize;
 
-        let features =
-            [("ballot", ballot), ("narrow", narrow), ("single_pass", single_pass), ("wide", K::BITS > u32::BITS)];
+        let features = [
+            ("ballot", ballot),
+            ("narrow", narrow),
+            ("single_pass", single_pass),
+            ("short_loops", gpu.limits().loop_rounds.is_some()),
+            ("wide", K::BITS > u32::BITS),
+        ];
         let constants = [("WORKGROUP", f64::from(workgroup))];
         let pipeline = |stage: (&str, &str), bindings: &[Access], workgroup: u32, constants: &[(&str, f64)]| {
             let kernel =

@@ -1,12 +1,9 @@
 //! What a caller can choose about a dense octree.
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use super::{CellLayout, MOST_LEVELS};
 use crate::curve::{Curve, Domain};
-use crate::geometry::validate;
-use crate::parallel::reduce;
 use crate::{Error, Result};
 
 /// Settings of a dense octree, fixed when it is built.
@@ -73,18 +70,7 @@ impl DenseOctreeSettings {
     /// # Errors
     /// `TooMany`, `NonFinite`, `CoordinateTooLarge`; `OutsideDomain` where a domain is given and does not hold them.
     pub(super) fn domain_of(&self, points: &[Vec3]) -> Result<Domain> {
-        validate::points(points)?;
-        let Some(domain) = self.domain else {
-            return Ok(Domain::of_bounds(&reduce::bounds(points)));
-        };
-        let outside = |p: &Vec3| !domain.contains(*p);
-        match points.par_iter().position_first(outside) {
-            None => Ok(domain),
-            Some(first) => {
-                let count = points.par_iter().filter(|p| outside(p)).count() as u64;
-                Err(Error::OutsideDomain { what: "points", count, first: first as u64 })
-            }
-        }
+        Domain::of_points(points, self.domain)
     }
 
     /// Bytes that a build on the CPU takes at once.

@@ -140,7 +140,7 @@ mod on_gpu {
             let mut commands = gpu.commands("leaves");
             commands.dispatch(
                 &gpu.pipeline(&kernel("flag_leaves", &[Uniform, Read, Read, ReadWrite]))?,
-                &[(&self.layout_buffer).into(), (&self.nodes).into(), (&self.in_pre_order).into(), (&flags).into()],
+                &[(&self.layout_buffer).into(), (&self.nodes).into(), (&self.pre_order).into(), (&flags).into()],
                 Workgroups::Covering(n as u64),
             );
             GpuCompact::new(gpu, n)?.record(&mut commands, &flags, &numbers, &count, n)?;
@@ -153,7 +153,7 @@ mod on_gpu {
                 &[
                     (&gpu.uniform("leaf parameters", &[n_leaves as u32, 0, 0, 0])?).into(),
                     (&numbers).into(),
-                    (&self.in_pre_order).into(),
+                    (&self.pre_order).into(),
                     (&leaves).into(),
                 ],
                 Workgroups::Covering(n_leaves as u64),

@@ -9,19 +9,23 @@ use rayon::prelude::*;
 
 use super::LinearOctree;
 use super::build::{self, CurveKey, LeafHead};
+use crate::Result;
 use crate::curve::{Curve, MAX_LEVEL, Octant};
 
 impl LinearOctree {
     /// The coarsest refinement in which leaves that share a face, an edge or a corner differ by at most one level, with
     /// octants without points counted as leaves. Points keep their order.
-    pub fn balanced(&self) -> Self {
+    ///
+    /// # Errors
+    /// `TooMany` where the nodes' numbers do not fit 32 bits.
+    pub fn balanced(&self) -> Result<Self> {
         let cut = self.octants_to_cut();
         let keys: Vec<u64> =
             (0..self.points.len()).into_par_iter().with_min_len(1 << 12).map(|i| self.key_at(i)).collect();
         let heads = cut_heads(self, &keys, &cut);
-        let mut tree = self.clone().with_nodes(build::link(&keys, &heads, self.curve()));
+        let mut tree = self.clone().with_nodes(build::link(&keys, &heads, self.curve())?);
         tree.is_balanced = true;
-        tree
+        Ok(tree)
     }
 
     /// The first pair of leaves that touch and differ by more than one level.

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::layout::{NONE, OctreeNode};
 use crate::curve::{Curve, MAX_LEVEL, Octant};
 use crate::parallel::chunk_len;
+use crate::{Error, Result};
 
 /// Chunks of points below this length cost more to hand out than to look at.
 const SMALLEST_CHUNK: usize = 16_384;
@@ -114,7 +115,15 @@ pub(super) struct Nodes {
 }
 
 /// Links the octants that start at the leaves' heads.
-pub(super) fn link<K: CurveKey>(keys: &[K], heads: &[LeafHead], curve: Curve) -> Nodes {
+///
+/// # Errors
+/// `TooMany` where the nodes' numbers do not fit 32 bits.
+pub(super) fn link<K: CurveKey>(keys: &[K], heads: &[LeafHead], curve: Curve) -> Result<Nodes> {
+    let found: u64 = heads.iter().map(|head| u64::from(head.level - head.top) + 1).sum();
+    if found >= u64::from(NONE) {
+        let (limit, advice) = (u64::from(NONE) - 1, "use a larger leaf capacity or fewer levels");
+        return Err(Error::TooMany { what: "nodes of the octree", found, limit, advice });
+    }
     let mut counts = [0u32; MAX_LEVEL as usize + 1];
     for head in heads {
         counts[head.top as usize..=head.level as usize].iter_mut().for_each(|count| *count += 1);
@@ -166,7 +175,7 @@ pub(super) fn link<K: CurveKey>(keys: &[K], heads: &[LeafHead], curve: Curve) ->
     if let Some(last) = last_level {
         close(&mut made, &open, 0..=last, keys.len() as u32, NONE, &mut post);
     }
-    made
+    Ok(made)
 }
 
 /// Ends the open nodes of these levels, the deepest first.

@@ -31,6 +31,7 @@ const NODES: &str = "package::structure::linear_octree::nodes";
 const LEVEL_BITS: u32 = 5;
 
 /// `Summary` in leaves.wesl, byte for byte.
+#[doc(hidden)]
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct OctreeSummary {
@@ -152,8 +153,8 @@ impl OctreeBuilder {
 
     /// Builds the octree of these points, which may have moved since the last build.
     ///
-    /// - `points`: `[n]` xyz, and the index that answers use as bits of w (usually 0 … n − 1); finite coordinates within
-    ///   ±1e18, which is trusted
+    /// - `points`: `[n]` xyz, and the index that answers use as bits of w, a permutation of 0 … n − 1; finite coordinates
+    ///   within ±1e18. Both are trusted, but for NaN, which counts as outside the domain
     ///
     /// # Errors
     /// `LengthMismatch` for another number of points, `OutsideDomain`, `OutOfDeviceMemory`, `DeviceLost`.
@@ -247,6 +248,7 @@ impl OctreeBuilder {
         let pre_order = gpu.buffer("pre-order of nodes", n_nodes)?;
         let in_pre_order = gpu.buffer("nodes in pre-order", n_nodes)?;
         let post_order = gpu.buffer("post-order of nodes", n_nodes)?;
+        let in_post_order = gpu.buffer("nodes in post-order", n_nodes)?;
         let level_starts = gpu.upload("first nodes of levels", &[summary.n_nodes; MAX_LEVEL as usize + 2])?;
         let bounds: Option<Buffer<GpuBounds>> =
             self.settings.period.is_periodic().then(|| gpu.buffer("bounds of points", 1)).transpose()?;
@@ -257,7 +259,7 @@ impl OctreeBuilder {
                 sorter,
                 n_nodes,
                 &nodes,
-                [&pre_order, &in_pre_order, &post_order],
+                [&pre_order, &in_pre_order, &post_order, &in_post_order],
                 &level_starts,
             )?;
             if let Some(bounds) = &bounds {
@@ -286,9 +288,10 @@ impl OctreeBuilder {
             is_balanced: false,
             nodes,
             level_starts: starts,
-            pre_order,
-            in_pre_order,
-            post_order,
+            pre_order_numbers: pre_order,
+            pre_order: in_pre_order,
+            post_order_numbers: post_order,
+            post_order: in_post_order,
             stages: stages.iter().filter_map(BuildStage::on_device).collect(),
         })
     }
@@ -352,7 +355,7 @@ impl OctreeBuilder {
         sorter: &Sorter<K>,
         n_nodes: usize,
         nodes: &Buffer<OctreeNode>,
-        [pre_order, in_pre_order, post_order]: [&Buffer<u32>; 3],
+        [pre_order, in_pre_order, post_order, in_post_order]: [&Buffer<u32>; 4],
         level_starts: &Buffer<u32>,
     ) -> Result<()> {
         use Access::{Read, ReadWrite, Uniform};
@@ -362,7 +365,7 @@ impl OctreeBuilder {
         };
         let number_nodes =
             pipeline("number_nodes", &[Uniform, Read, Read, Read, ReadWrite, ReadWrite, ReadWrite, ReadWrite])?;
-        let close_nodes = pipeline("close_nodes", &[Uniform, Read, Read, Read, ReadWrite, ReadWrite])?;
+        let close_nodes = pipeline("close_nodes", &[Uniform, Read, Read, Read, ReadWrite, ReadWrite, ReadWrite])?;
         let levels: Buffer<u32> = gpu.buffer("levels in pre-order", n_nodes)?;
         let sorted_levels: Buffer<u32> = gpu.buffer("levels of nodes", n_nodes)?;
         let start_points: Buffer<u32> = gpu.buffer("first points in pre-order", n_nodes)?;
@@ -428,6 +431,7 @@ impl OctreeBuilder {
                 in_pre_order.into(),
                 nodes.into(),
                 post_order.into(),
+                in_post_order.into(),
             ],
             covering,
         );

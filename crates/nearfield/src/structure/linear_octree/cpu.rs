@@ -38,8 +38,7 @@ impl LinearOctree {
     /// Without points there are no nodes.
     ///
     /// # Errors
-    /// `NonFinite`, `CoordinateTooLarge`, `TooMany` (2³² − 1 points or more), `OutsideDomain`, `InvalidSetting`,
-    /// `OutOfMemory`.
+    /// `NonFinite`, `CoordinateTooLarge`, `TooMany` (2³² − 1 points or more), `OutsideDomain`, `InvalidSetting`.
     pub fn build(points: &[Vec3], settings: &OctreeSettings) -> Result<Self> {
         let mut stages = Vec::new();
         let mut clock = Instant::now();
@@ -54,8 +53,8 @@ impl LinearOctree {
         let sorted = Sorted::new(points, &domain, settings)?;
         stage("sort");
         let (nodes, sorted_levels) = match &sorted.keys {
-            Keys::Narrow(keys) => (linked(keys, settings, sorted.levels), sorted.levels),
-            Keys::Wide(keys) => (linked(keys, settings, sorted.levels), sorted.levels),
+            Keys::Narrow(keys) => (linked(keys, settings, sorted.levels)?, sorted.levels),
+            Keys::Wide(keys) => (linked(keys, settings, sorted.levels)?, sorted.levels),
         };
         stage("nodes");
         let ordered = OrderedPoints::gather(points, &sorted.order);
@@ -133,7 +132,7 @@ impl LinearOctree {
     }
 }
 
-fn linked<K: CurveKey>(keys: &[K], settings: &OctreeSettings, depth: u32) -> Nodes {
+fn linked<K: CurveKey>(keys: &[K], settings: &OctreeSettings, depth: u32) -> Result<Nodes> {
     let heads = build::leaf_heads(keys, settings.leaf_capacity as usize, depth.min(settings.max_level));
     build::link(keys, &heads, settings.curve)
 }

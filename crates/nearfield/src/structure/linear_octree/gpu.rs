@@ -32,8 +32,9 @@ pub struct GpuLinearOctree {
     pub(super) is_balanced: bool,
     pub(super) nodes: Buffer<OctreeNode>,
     pub(super) level_starts: Vec<u32>,
+    pub(super) pre_order_numbers: Buffer<u32>,
     pub(super) pre_order: Buffer<u32>,
-    pub(super) in_pre_order: Buffer<u32>,
+    pub(super) post_order_numbers: Buffer<u32>,
     pub(super) post_order: Buffer<u32>,
     pub(super) stages: Vec<BuildStage>,
 }
@@ -77,18 +78,18 @@ impl GpuLinearOctree {
     }
 
     /// `[n_nodes]` number of each node in pre-order.
+    pub fn pre_order_numbers(&self) -> &Buffer<u32> {
+        &self.pre_order_numbers
+    }
+
+    /// `[n_nodes]` the nodes in pre-order.
     pub fn pre_order(&self) -> &Buffer<u32> {
         &self.pre_order
     }
 
-    /// `[n_nodes]` the nodes in pre-order.
-    pub fn in_pre_order(&self) -> &Buffer<u32> {
-        &self.in_pre_order
-    }
-
     /// `[n_nodes]` number of each node in post-order.
-    pub fn post_order(&self) -> &Buffer<u32> {
-        &self.post_order
+    pub fn post_order_numbers(&self) -> &Buffer<u32> {
+        &self.post_order_numbers
     }
 
     /// What the kernels know of the tree.
@@ -113,6 +114,16 @@ impl GpuLinearOctree {
         Ok(effort::most_box_steps(&self.read()?, boxes, writes))
     }
 
+    /// `[n_nodes]` the nodes in post-order: what gathers from the leaves up may take them in this order.
+    pub fn post_order(&self) -> &Buffer<u32> {
+        &self.post_order
+    }
+
+    /// The nodes of a level, along the curve; none below the deepest one.
+    pub fn level(&self, level: u32) -> std::ops::Range<usize> {
+        super::walk::level_of(&self.level_starts, level)
+    }
+
     /// The same tree on the host: a copy of everything.
     ///
     /// Points that came with indices of the caller's own keep them where they are a permutation of 0 … n − 1.
@@ -125,8 +136,8 @@ impl GpuLinearOctree {
         let nodes = build::Nodes {
             nodes: self.gpu.read(&self.nodes)?,
             level_starts: self.level_starts.clone(),
-            pre_order: self.gpu.read(&self.pre_order)?,
-            post_order: self.gpu.read(&self.post_order)?,
+            pre_order: self.gpu.read(&self.pre_order_numbers)?,
+            post_order: self.gpu.read(&self.post_order_numbers)?,
         };
         let positions: Vec<Vec3> = points.iter().map(|p| Vec3::new(p[0], p[1], p[2])).collect();
         let ordered = OrderedPoints::in_order(&positions, ids);
@@ -186,7 +197,8 @@ impl GpuStructure for GpuLinearOctree {
     }
 
     fn memory_bytes(&self) -> u64 {
-        let orders = self.pre_order.bytes() + self.in_pre_order.bytes() + self.post_order.bytes();
+        let orders = [&self.pre_order_numbers, &self.pre_order, &self.post_order_numbers, &self.post_order];
+        let orders: u64 = orders.iter().map(|order| order.bytes()).sum();
         self.points.bytes() + self.ids.bytes() + self.nodes.bytes() + orders + self.layout_buffer.bytes()
     }
 }

@@ -63,7 +63,7 @@ fn full_level(level_starts: &[u32]) -> u32 {
 mod on_gpu {
     use glam::Vec3;
 
-    use super::full_level;
+    use super::{NONE, full_level};
     use crate::Result;
     use crate::curve::Curve;
     use crate::gpu::{Access, Buffer, Kernel, Workgroups};
@@ -74,14 +74,18 @@ mod on_gpu {
     const WORKGROUP: u32 = 256;
 
     impl GpuLinearOctree {
-        /// As [`super::LinearOctree::locate`], with the same answers to the bit.
+        /// As [`super::LinearOctree::locate`], with the same answers to the bit; only where a point lies less than
+        /// 1.2e-38 outside a face may a device that flushes such differences to zero find it inside.
         ///
         /// # Errors
         /// `OutOfDeviceMemory`, `DeviceLost`.
-        pub fn locate(&self, points: &[Vec3]) -> Result<Vec<u32>> {
-            let points = self.gpu.upload("points to locate", &device_points(points, 0))?;
+        pub fn locate(&self, asked: &[Vec3]) -> Result<Vec<u32>> {
+            let points = self.gpu.upload("points to locate", &device_points(asked, 0))?;
             let (nodes, _) = self.locate_on_device(&points)?;
-            self.gpu.read(&nodes)
+            let mut nodes = self.gpu.read(&nodes)?;
+            // What a device makes of comparisons with NaN is its own business.
+            nodes.iter_mut().zip(asked).filter(|(_, point)| !point.is_finite()).for_each(|(node, _)| *node = NONE);
+            Ok(nodes)
         }
 
         /// The smallest node of every point `[n]`, [`super::NONE`] for points outside the domain, and the time it took.

@@ -3,8 +3,7 @@
 use glam::Vec3;
 
 use crate::curve::{Curve, Domain, MAX_LEVEL};
-use crate::geometry::{Period, validate};
-use crate::parallel::reduce;
+use crate::geometry::Period;
 use crate::{Error, Result};
 
 /// Settings of an octree, fixed when it is built.
@@ -86,12 +85,7 @@ impl OctreeSettings {
     /// # Errors
     /// `NonFinite`, `CoordinateTooLarge`, `TooMany`; `OutsideDomain` for points outside a given domain.
     pub(super) fn domain_of(&self, points: &[Vec3]) -> Result<Domain> {
-        validate::points(points)?;
-        let Some(domain) = self.domain else {
-            return Ok(Domain::of_bounds(&reduce::bounds(points)));
-        };
-        domain.check_contains("points", points)?;
-        Ok(domain)
+        Domain::of_points(points, self.domain)
     }
 
     /// Levels that points are sorted by at first: the keys then have 30 bits, which is enough for most clouds.

@@ -62,15 +62,15 @@ fn assert_is_recursive(points: &[Vec3], settings: &OctreeSettings, case: &str) {
     let mut expected = vec![];
     flattened(&plain, &mut 0, &mut expected);
     assert_eq!(tree.nodes().len(), expected.len(), "{case}: number of nodes");
-    for (pre, (node, (plain, post))) in tree.in_pre_order().into_iter().zip(expected).enumerate() {
+    for (pre, (node, (plain, post))) in tree.pre_order().into_iter().zip(expected).enumerate() {
         let found = &tree.nodes()[node as usize];
         assert_eq!(found.octant, plain.octant, "{case}: octant of node {node}");
         let mut ids: Vec<u32> = tree.ordered_points().ids()[found.points()].to_vec();
         ids.sort_unstable();
         assert_eq!(ids, plain.points, "{case}: points of node {node}");
         assert_eq!(found.children().len(), plain.children.len(), "{case}: children of node {node}");
-        assert_eq!(tree.pre_order()[node as usize], pre as u32, "{case}: pre-order of node {node}");
-        assert_eq!(tree.post_order()[node as usize], post, "{case}: post-order of node {node}");
+        assert_eq!(tree.pre_order_numbers()[node as usize], pre as u32, "{case}: pre-order of node {node}");
+        assert_eq!(tree.post_order_numbers()[node as usize], post, "{case}: post-order of node {node}");
         assert_eq!(tree.node_of(found.octant), Some(node), "{case}: finding node {node}");
     }
 }

@@ -103,14 +103,14 @@ impl LinearOctree {
 
     fn broken_orders(&self) -> Option<String> {
         let n = self.nodes().len();
-        for (name, numbers) in [("pre-order", self.pre_order()), ("post-order", self.post_order())] {
+        for (name, numbers) in [("pre-order", self.pre_order_numbers()), ("post-order", self.post_order_numbers())] {
             let mut seen = vec![false; n];
             let once = |&number: &u32| (number as usize) < n && !std::mem::replace(&mut seen[number as usize], true);
             if numbers.len() != n || !numbers.iter().all(once) {
                 return Some(format!("6: {name} is not a permutation of {n} nodes"));
             }
         }
-        let (pre, post) = (self.pre_order(), self.post_order());
+        let (pre, post) = (self.pre_order_numbers(), self.post_order_numbers());
         let wrong = self.nodes().iter().enumerate().skip(1).find(|(i, node)| {
             let parent = node.parent as usize;
             pre[parent] >= pre[*i] || post[parent] <= post[*i]

@@ -15,30 +15,26 @@ impl LinearOctree {
 
     /// The nodes of a level, along the curve; none below the deepest one.
     pub fn level(&self, level: u32) -> Range<usize> {
-        let starts = &self.nodes.level_starts;
-        match (starts.get(level as usize), starts.get(level as usize + 1)) {
-            (Some(&first), Some(&end)) => first as usize..end as usize,
-            _ => self.nodes().len()..self.nodes().len(),
-        }
+        level_of(&self.nodes.level_starts, level)
     }
 
     /// `[n_nodes]` number of each node in pre-order: parents before children.
-    pub fn pre_order(&self) -> &[u32] {
+    pub fn pre_order_numbers(&self) -> &[u32] {
         &self.nodes.pre_order
     }
 
     /// `[n_nodes]` number of each node in post-order: children before parents.
-    pub fn post_order(&self) -> &[u32] {
+    pub fn post_order_numbers(&self) -> &[u32] {
         &self.nodes.post_order
     }
 
     /// The nodes in pre-order `[n_nodes]`.
-    pub fn in_pre_order(&self) -> Vec<u32> {
+    pub fn pre_order(&self) -> Vec<u32> {
         inverse(&self.nodes.pre_order)
     }
 
     /// The nodes in post-order `[n_nodes]`: what gathers from the leaves up may take them in this order.
-    pub fn in_post_order(&self) -> Vec<u32> {
+    pub fn post_order(&self) -> Vec<u32> {
         inverse(&self.nodes.post_order)
     }
 
@@ -138,6 +134,12 @@ impl LinearOctree {
             }
         }
     }
+}
+
+/// The nodes of a level, from the first node of each.
+pub(super) fn level_of(level_starts: &[u32], level: u32) -> Range<usize> {
+    let start = |level: usize| level_starts.get(level).or(level_starts.last()).map_or(0, |&start| start as usize);
+    start(level as usize)..start((level as usize).saturating_add(1))
 }
 
 /// The inverse of a permutation.
