@@ -91,13 +91,18 @@ pub(crate) fn json(octree: &Octree) -> Value {
     })
 }
 
+/// Keys have more bits than a number in JSON keeps.
+fn hex(key: u64) -> String {
+    format!("{key:#x}")
+}
+
 fn located_json(octree: &Octree, found: &Located<'_>) -> Value {
     let node = found.node.map(|(index, node)| {
         json!({
             "index": index,
-            "octant": node.octant.bits(),
+            "octant": hex(node.octant.bits()),
             "level": node.level,
-            "key": node.octant.key(),
+            "key": hex(node.octant.key()),
             "cell": node.octant.cell(octree.tree.curve()),
             "points": node.n_points(),
             "is_leaf": node.is_leaf(),
@@ -119,7 +124,7 @@ fn split_json(split: &Split) -> Value {
     });
     json!({
         "parts": split.partition.parts(),
-        "splitters": split.partition.splitters(),
+        "splitters": split.partition.splitters().iter().copied().map(hex).collect::<Vec<_>>(),
         "imbalance": split.report.imbalance,
         "radius": split.exchange.map(|exchange| shortest(exchange.radius)),
         "bytes_per_point": split.exchange.map(|exchange| exchange.bytes_per_point),

@@ -9,7 +9,7 @@ use nearfield::Error;
 use nearfield::gpu::Gpu;
 use nearfield::parallel::radix_sort::{self, GpuRadixSort, RankMethod, SortKey};
 
-use super::support::{Random, gpu_trial, long_cases, trial};
+use super::support::{Random, count_as_skipped, gpu_trial, long_cases, trial};
 use super::{MARGIN, POISON, SEED, assert_same, lengths, poison, poisoned};
 
 pub(super) fn trials() -> Vec<Trial> {
@@ -208,14 +208,17 @@ fn check_gpu_sort<K: TestKey>(gpu: &Gpu, plan: &GpuRadixSort<K>, keys: &[K], bit
     assert_same(&gpu.read(&source_values).unwrap(), &expected_values, &format!("{case}: values in place"));
 }
 
-/// The plan for a method; `None` where the device cannot rank by ballots.
+/// The plan for a method; `None`, counted as skipped, where the device cannot rank by ballots.
 fn sort_plan<K: TestKey>(gpu: &Gpu, method: RankMethod, capacity: usize) -> Option<GpuRadixSort<K>> {
     match GpuRadixSort::with_method(gpu, capacity, method) {
         Ok(plan) => {
             assert_eq!(plan.method(), method);
             Some(plan)
         }
-        Err(Error::Unsupported { .. }) if gpu.limits().subgroup.is_none_or(|(_, largest)| largest > 32) => None,
+        Err(Error::Unsupported { .. }) if gpu.limits().subgroup.is_none_or(|(_, largest)| largest > 32) => {
+            count_as_skipped(&format!("sorting by {method:?}"));
+            None
+        }
         Err(error) => panic!("{error}"),
     }
 }
