@@ -128,8 +128,11 @@ mod tests {
         Case::new(Set { kind: CloudKind::Clustered, n: 3000 }).expect("a case")
     }
 
-    /// The right answer passes; shortened, and as each of `plant` makes it, it is refused.
-    fn refuses<T: Clone>(check: impl Fn(&[T]) -> Result<()>, right: &[T], plant: &[&dyn Fn(&mut Vec<T>)]) {
+    /// Makes a right answer wrong.
+    type Plant<'a, T> = &'a dyn Fn(&mut Vec<T>);
+
+    /// The right answer passes; shortened, lengthened and as each of `plant` makes it, it is refused.
+    fn refuses<T: Clone>(check: impl Fn(&[T]) -> Result<()>, right: &[T], plant: &[Plant<'_, T>]) {
         check(right).expect("the right answer passes");
         let refused = |answer: &[T], what: String| {
             let error = check(answer).expect_err(&what);
