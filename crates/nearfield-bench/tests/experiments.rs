@@ -1,5 +1,5 @@
 //! The experiments at a small scale: every method, column and reference value is there, plots and claims are made,
-//! a second run resumes, and a wrong answer stops a measurement.
+//! a second run resumes, and a wrong answer stops a measurement. The charts of the poster have every method too.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -14,6 +14,7 @@ use nearfield_bench::device;
 use nearfield_bench::grid::method::{Case, Method};
 use nearfield_bench::grid::{self, memory};
 use nearfield_bench::measure::Effort;
+use nearfield_bench::octree;
 use nearfield_bench::provenance::COMMIT;
 use nearfield_bench::sets::SEED;
 
@@ -39,6 +40,10 @@ fn main() {
             wrong_answers_are_caught(None, &[Method::CpuBruteForce, Method::CpuGrid]);
         }),
         trial("a planted total is caught", planted_total_is_caught),
+        gpu_trial("the charts of the poster have every method", |gpu| charts_are_complete(choice(gpu), &CHART_METHODS)),
+        trial("without a GPU the charts of the poster have the methods of the CPU", || {
+            charts_are_complete(DeviceChoice::Cpu, &CHART_METHODS[..2]);
+        }),
         trial("without a GPU its figures are not measured", experiments_on_the_cpu_alone),
     ];
     libtest_mimic::run(&Arguments::from_args(), tests).exit();
@@ -221,6 +226,50 @@ fn table_is_complete(choice: &DeviceChoice, operations: &[&str]) {
             assert!(text.contains(&format!("| {name} | {wanted} |")), "{name} {wanted} is printed");
         }
     }
+}
+
+const CHARTS: [&str; 5] = [
+    "curve construction",
+    "octree construction",
+    "post-order traversal",
+    "near neighbours of n points",
+    "locations of n points",
+];
+const CHART_METHODS: [&str; 4] = ["one core", "all cores", "GPU", "GPU with transfers"];
+
+fn charts_are_complete(device: DeviceChoice, methods: &[&str]) {
+    let folder = Folder::new(&format!("octree-{}", methods.len()));
+    let arguments = octree::Arguments {
+        device,
+        scale: 1.0,
+        numbers: vec![1000, 2500],
+        repeat: Some(2),
+        kind: CloudKind::Uniform,
+        large: false,
+        output: Some(folder.0.clone()),
+    };
+    octree::run(&arguments).expect("the charts are made");
+    let mut reader = csv::Reader::from_path(folder.0.join("octree.csv")).expect("octree.csv");
+    let header: Vec<String> = reader.headers().expect("a header").iter().map(str::to_owned).collect();
+    let column = |name: &str| header.iter().position(|h| h == name).expect(name);
+    let key = ["points", "chart", "method"].map(column);
+    let (times, commit) = (["milliseconds", "wall_milliseconds", "runs"].map(column), column("commit"));
+    let mut found = BTreeSet::new();
+    for record in reader.records().map(|r| r.expect("a record")) {
+        let positive = |&at: &usize| number(&record[at]).is_finite() && number(&record[at]) > 0.0;
+        assert!(times.iter().all(positive) && &record[commit] == COMMIT, "{record:?}");
+        assert!(found.insert(key.map(|at| record[at].to_owned())), "twice: {record:?}");
+    }
+    let mut expected = BTreeSet::new();
+    for n in ["1000", "2500"] {
+        for chart in CHARTS {
+            expected.extend(methods.iter().map(|&method| [n, chart, method].map(str::to_owned)));
+        }
+    }
+    assert_eq!(found, expected);
+    let svg = fs::read_to_string(folder.0.join("octree.svg")).expect("octree.svg");
+    assert!(svg.contains(COMMIT) && CHARTS.iter().all(|chart| svg.contains(chart)), "{svg}");
+    assert!(methods.iter().all(|method| svg.contains(method)), "{svg}");
 }
 
 fn planted_total_is_caught() {

@@ -2,20 +2,21 @@
 
 use std::time::Instant;
 
-use nearfield::curve::{self, GpuCurve};
+use nearfield::curve::{self, GpuCurveOrder};
 use nearfield::geometry::generate::{CloudKind, cloud};
-use nearfield::gpu::{Buffer, Gpu};
-use nearfield::parallel::radix_sort::GpuRadixSort;
+use nearfield::gpu::{Buffer, Gpu, StageTime};
 use nearfield::parallel::reduce;
 use nearfield::query::{Clock, NeighborSearch, Stage};
-use nearfield::structure::{DevicePoint, GpuStructure, OctreeBuilder};
+use nearfield::structure::{DevicePoint, OctreeBuilder};
 use nearfield::{
     Curve, DenseOctree, DenseOctreeSettings, Domain, FixedRadius, GpuDenseOctree, GpuLinearOctree, LinearOctree,
-    OctreeNode, OctreeSettings, SearchOnDevice, Vec3,
+    OctreeSettings, SearchOnDevice, Vec3,
 };
 
+use super::answers;
 use super::chart::Chart;
 use crate::Result;
+use crate::check::Expected;
 use crate::device::device_points;
 use crate::measure::{Effort, Measured, repeat};
 use crate::sets::{SEED, Set};
@@ -46,20 +47,21 @@ impl Method {
     }
 }
 
-/// Points with what the CPU answers.
+/// Points with what the answers are checked against.
 pub(super) struct Case {
     pub(super) points: Vec<Vec3>,
     pub(super) tree: LinearOctree,
-    pub(super) mean_neighbors: f64,
-    radius: f32,
-    domain: Domain,
+    /// Of the neighbours; `None` where they are not counted.
+    pub(super) expected: Option<Expected>,
+    pub(super) domain: Domain,
     /// Points in the same box, to be located.
-    probes: Vec<Vec3>,
+    pub(super) probes: Vec<Vec3>,
+    radius: f32,
     /// Of the dense octree: about a cell a point at the last level.
     levels: u32,
 }
 
-/// Beyond this only what the GPU does is measured, and neighbours are not counted.
+/// Beyond this neighbours are not counted, and the invariants of the tree are not checked.
 const LARGEST_ON_CPU: usize = 10_000_000;
 
 impl Case {
@@ -71,11 +73,9 @@ impl Case {
             return Err(format!("wrong answer: {broken}").into());
         }
         let counted = points.len() <= LARGEST_ON_CPU;
-        let counts = if counted { tree.count(&FixedRadius::new(radius))?.into_vec() } else { Vec::new() };
-        let sum: u64 = counts.iter().map(|&count| u64::from(count)).sum();
         let in_domain = |p: &Vec3| domain.origin() + *p * domain.edge() * 0.999;
         Ok(Self {
-            mean_neighbors: sum as f64 / counts.len().max(1) as f64,
+            expected: if counted { Some(Expected::of(&points, radius)?) } else { None },
             probes: cloud(CloudKind::Uniform, points.len(), SEED + 1).points.iter().map(in_domain).collect(),
             levels: (points.len().ilog2() / 3).min(8),
             points,
@@ -85,16 +85,21 @@ impl Case {
         })
     }
 
+    /// Neighbours of a point, itself included; 0 where they are not counted.
+    pub(super) fn mean_neighbors(&self) -> f64 {
+        self.expected.as_ref().map_or(0.0, Expected::mean)
+    }
+
     fn settings(&self) -> OctreeSettings {
         OctreeSettings::default().domain(self.domain)
     }
 
-    fn dense_settings(&self) -> DenseOctreeSettings {
+    pub(super) fn dense_settings(&self) -> DenseOctreeSettings {
         DenseOctreeSettings::with_levels(self.levels).domain(self.domain)
     }
 }
 
-/// Measures; `None` for the GPU where there is none.
+/// Measures; `None` for the GPU where there is none, and for neighbours of too many points to be checked.
 pub(super) fn measure(
     gpu: Option<&Gpu>,
     case: &Case,
@@ -102,6 +107,9 @@ pub(super) fn measure(
     method: Method,
     effort: Effort,
 ) -> Result<Option<Measured>> {
+    if chart == Chart::NearNeighbors && case.expected.is_none() {
+        return Ok(None);
+    }
     match (method, gpu) {
         (Method::OneCore, _) => {
             let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
@@ -119,7 +127,9 @@ fn on_cpu(case: &Case, chart: Chart, effort: Effort) -> Result<Measured> {
     Ok(match chart {
         Chart::Curve => {
             let ordered = || Ok((curve::order_in(&case.points, Curve::Morton, &case.domain)?, nothing()));
-            repeat(effort, ordered)?.1
+            let (order, measured) = repeat(effort, ordered)?;
+            answers::check_order(case, &order)?;
+            measured
         }
         Chart::Octree => {
             let built = || {
@@ -128,20 +138,24 @@ fn on_cpu(case: &Case, chart: Chart, effort: Effort) -> Result<Measured> {
                 Ok((tree, stages))
             };
             let (tree, measured) = repeat(effort, built)?;
-            same("nodes", tree.nodes(), case.tree.nodes())?;
+            answers::check_tree(case, &tree)?;
             measured
         }
         Chart::PostOrder => {
             let tree = DenseOctree::build(&case.points, &case.dense_settings())?;
-            repeat(effort, || Ok((tree.post_order_numbers(), nothing())))?.1
+            let (numbers, measured) = repeat(effort, || Ok((tree.post_order_numbers(), nothing())))?;
+            answers::check_post_order(&tree, &numbers)?;
+            measured
         }
         Chart::NearNeighbors => {
             let question = FixedRadius::new(case.radius);
-            repeat(effort, || Ok((case.tree.count(&question)?.into_vec(), nothing())))?.1
+            let (counts, measured) = repeat(effort, || Ok((case.tree.count(&question)?.into_vec(), nothing())))?;
+            answers::check_counts(case, &counts)?;
+            measured
         }
         Chart::Locations => {
             let (nodes, measured) = repeat(effort, || Ok((case.tree.locate(&case.probes), nothing())))?;
-            check_locations(case, &nodes)?;
+            answers::check_locations(case, &nodes)?;
             measured
         }
     })
@@ -153,10 +167,10 @@ fn on_gpu(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Result<Measur
     let points = gpu.upload("points", &device_points(&case.points))?;
     Ok(match chart {
         Chart::Curve => {
-            let plan = CurveOrder::new(gpu, n)?;
-            let ((), measured) = repeat(effort, || Ok(((), plan.run(gpu, case, &points)?)))?;
-            let expected = curve::order_in(&case.points, Curve::Morton, &case.domain)?;
-            same("order along the curve", &gpu.read(&plan.order)?, &expected)?;
+            let plan = GpuCurveOrder::new(gpu, Curve::Morton, n)?;
+            let order = gpu.buffer("order", n)?;
+            let ((), measured) = repeat(effort, || Ok(((), run_order(gpu, &plan, case, &points, &order)?)))?;
+            answers::check_order(case, &gpu.read(&order)?)?;
             measured
         }
         Chart::Octree => {
@@ -168,7 +182,7 @@ fn on_gpu(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Result<Measur
             };
             let (tree, measured) = repeat(effort, built)?;
             drop(points);
-            check_tree(gpu, case, &tree)?;
+            answers::check_tree(case, &tree.read()?)?;
             measured
         }
         Chart::PostOrder => {
@@ -178,8 +192,8 @@ fn on_gpu(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Result<Measur
                 Ok((numbers, stages.iter().map(Stage::from).collect()))
             };
             let (numbers, measured) = repeat(effort, numbered)?;
-            let expected = DenseOctree::build(&case.points, &case.dense_settings())?.post_order_numbers();
-            same("post-order numbers", &gpu.read(&numbers)?, &expected)?;
+            let on_cpu = DenseOctree::build(&case.points, &case.dense_settings())?;
+            answers::check_post_order(&on_cpu, &gpu.read(&numbers)?)?;
             measured
         }
         Chart::NearNeighbors => {
@@ -190,7 +204,7 @@ fn on_gpu(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Result<Measur
                 Ok((counts, report.stages))
             };
             let (counts, measured) = repeat(effort, counted)?;
-            check_counts(case, &gpu.read(&counts)?)?;
+            answers::check_counts(case, &gpu.read(&counts)?)?;
             measured
         }
         Chart::Locations => {
@@ -202,7 +216,7 @@ fn on_gpu(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Result<Measur
                 Ok((nodes, stages.iter().map(Stage::from).collect()))
             };
             let (nodes, measured) = repeat(effort, located)?;
-            check_locations(case, &gpu.read(&nodes)?)?;
+            answers::check_locations(case, &gpu.read(&nodes)?)?;
             measured
         }
     })
@@ -213,13 +227,16 @@ fn with_transfers(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Resul
     let nothing = Vec::new;
     Ok(match chart {
         Chart::Curve => {
-            let plan = CurveOrder::new(gpu, case.points.len())?;
+            let plan = GpuCurveOrder::new(gpu, Curve::Morton, case.points.len())?;
+            let on_device = gpu.buffer("order", case.points.len())?;
             let ordered = || {
                 let points = gpu.upload("points", &device_points(&case.points))?;
-                plan.run(gpu, case, &points)?;
-                Ok((gpu.read(&plan.order)?, nothing()))
+                run_order(gpu, &plan, case, &points, &on_device)?;
+                Ok((gpu.read(&on_device)?, nothing()))
             };
-            repeat(effort, ordered)?.1
+            let (order, measured) = repeat(effort, ordered)?;
+            answers::check_order(case, &order)?;
+            measured
         }
         Chart::Octree => {
             let built = || {
@@ -229,11 +246,16 @@ fn with_transfers(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Resul
                 let build = Stage { name: "upload and build", milliseconds, clock: Clock::Host };
                 Ok((tree.read()?, vec![build]))
             };
-            repeat(effort, built)?.1
+            let (tree, measured) = repeat(effort, built)?;
+            answers::check_tree(case, &tree)?;
+            measured
         }
         Chart::PostOrder => {
             let tree = GpuDenseOctree::build(gpu, &case.points, &case.dense_settings())?;
-            repeat(effort, || Ok((tree.post_order_numbers()?, nothing())))?.1
+            let (numbers, measured) = repeat(effort, || Ok((tree.post_order_numbers()?, nothing())))?;
+            let on_cpu = DenseOctree::build(&case.points, &case.dense_settings())?;
+            answers::check_post_order(&on_cpu, &numbers)?;
+            measured
         }
         Chart::NearNeighbors => {
             let question = FixedRadius::new(case.radius);
@@ -241,91 +263,29 @@ fn with_transfers(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Resul
                 let tree = GpuLinearOctree::build(gpu, &case.points, &case.settings())?;
                 Ok((tree.count(&question)?.into_vec(), nothing()))
             };
-            repeat(effort, counted)?.1
+            let (counts, measured) = repeat(effort, counted)?;
+            answers::check_counts(case, &counts)?;
+            measured
         }
         Chart::Locations => {
             let tree = GpuLinearOctree::build(gpu, &case.points, &case.settings())?;
-            repeat(effort, || Ok((tree.locate(&case.probes)?, nothing())))?.1
+            let (nodes, measured) = repeat(effort, || Ok((tree.locate(&case.probes)?, nothing())))?;
+            answers::check_locations(case, &nodes)?;
+            measured
         }
     })
 }
 
-/// Keys and their sort on the device.
-struct CurveOrder {
-    curve: GpuCurve,
-    sort: GpuRadixSort<u64>,
-    keys: Buffer<u64>,
-    sorted_keys: Buffer<u64>,
-    order: Buffer<u32>,
-}
-
-impl CurveOrder {
-    fn new(gpu: &Gpu, n: usize) -> Result<Self> {
-        Ok(Self {
-            curve: GpuCurve::new(gpu, Curve::Morton),
-            sort: GpuRadixSort::new(gpu, n)?,
-            keys: gpu.buffer("keys", n)?,
-            sorted_keys: gpu.buffer("sorted keys", n)?,
-            order: gpu.buffer("order", n)?,
-        })
-    }
-
-    fn run(&self, gpu: &Gpu, case: &Case, points: &Buffer<DevicePoint>) -> Result<Vec<Stage>> {
-        let n = points.len();
-        let mut commands = gpu.commands("order along a curve");
-        commands.stage("keys");
-        self.curve.record_point_keys(&mut commands, &case.domain, points, &self.keys, n)?;
-        commands.stage("sort");
-        self.sort.record_from(&mut commands, &self.keys, None, &self.sorted_keys, &self.order, n, 0..63)?;
-        let stage = |t: &nearfield::gpu::StageTime| {
-            Some(Stage { name: t.name, milliseconds: t.milliseconds?, clock: Clock::Device })
-        };
-        Ok(commands.run()?.iter().filter_map(stage).collect())
-    }
-}
-
-fn check_tree(gpu: &Gpu, case: &Case, tree: &GpuLinearOctree) -> Result<()> {
-    same("nodes", &gpu.read::<OctreeNode>(tree.nodes())?, case.tree.nodes())?;
-    same("numbers in pre-order", &gpu.read(tree.pre_order_numbers())?, case.tree.pre_order_numbers())?;
-    same("numbers in post-order", &gpu.read(tree.post_order_numbers())?, case.tree.post_order_numbers())?;
-    let ids = gpu.read(tree.ids().expect("the octree should keep indices"))?;
-    same("order of the points", &ids, case.tree.ordered_points().ids())
-}
-
-/// Counts may differ by pairs at the very radius, where a device fuses operations: the radius a few ulp smaller and
-/// larger bounds them.
-fn check_counts(case: &Case, found: &[u32]) -> Result<()> {
-    let ulps = case.radius * 4.0 * f32::EPSILON;
-    let fewest = case.tree.count(&FixedRadius::new(case.radius - ulps))?.into_vec();
-    let most = case.tree.count(&FixedRadius::new(case.radius + ulps))?.into_vec();
-    let wrong = found.iter().enumerate().find(|(i, count)| !(fewest[*i]..=most[*i]).contains(count));
-    match wrong {
-        None => Ok(()),
-        Some((i, count)) => {
-            Err(format!("wrong answer: {count} neighbours of point {i}, expected {} to {}", fewest[i], most[i]).into())
-        }
-    }
-}
-
-/// Each node must hold its probe, and have no child that does.
-fn check_locations(case: &Case, found: &[u32]) -> Result<()> {
-    same("located nodes", found, &case.tree.locate(&case.probes))?;
-    for (probe, &node) in case.probes.iter().zip(found).step_by(1009) {
-        let key = nearfield::Octant::of_key(case.domain.key_of(Curve::Morton, *probe), curve::MAX_LEVEL);
-        let node = &case.tree.nodes()[node as usize];
-        let deeper = node.children().any(|child| case.tree.nodes()[child].octant.contains(key));
-        if deeper || !node.octant.contains(key) {
-            return Err(format!("wrong answer: {probe} is not in the node found for it").into());
-        }
-    }
-    Ok(())
-}
-
-fn same<T: PartialEq + std::fmt::Debug>(what: &str, found: &[T], expected: &[T]) -> Result<()> {
-    if found == expected {
-        return Ok(());
-    }
-    let first = found.iter().zip(expected).position(|(f, e)| f != e);
-    let lengths = (found.len(), expected.len());
-    Err(format!("wrong answer: {what} differ from the CPU's, first at {first:?}, lengths {lengths:?}").into())
+/// Orders the points along the curve on the device; its stages.
+fn run_order(
+    gpu: &Gpu,
+    plan: &GpuCurveOrder,
+    case: &Case,
+    points: &Buffer<DevicePoint>,
+    order: &Buffer<u32>,
+) -> Result<Vec<Stage>> {
+    let mut commands = gpu.commands("order along a curve");
+    plan.record(&mut commands, &case.domain, points, order, points.len())?;
+    let stage = |t: &StageTime| Some(Stage { name: t.name, milliseconds: t.milliseconds?, clock: Clock::Device });
+    Ok(commands.run()?.iter().filter_map(stage).collect())
 }

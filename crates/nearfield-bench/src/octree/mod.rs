@@ -9,6 +9,7 @@
 //! Each on one core, on all cores, on the GPU (points and answer on the device, by its timestamps) and on the GPU from
 //! host memory and back (wall clock). Source: Ajmera2008, whose charts had one core and a GPU without transfers.
 
+mod answers;
 mod chart;
 mod method;
 
@@ -34,6 +35,12 @@ pub struct Arguments {
     /// Numbers of points are those of the poster and less, times this
     #[arg(long, default_value_t = 1.0)]
     pub scale: f64,
+    /// Numbers of points in place of the poster's, such as 1000,20000
+    #[arg(long, value_delimiter = ',')]
+    pub numbers: Vec<usize>,
+    /// Timed runs of a point at most; with it the GPU is not warmed up
+    #[arg(long)]
+    pub repeat: Option<usize>,
     /// Kind of the points: uniform, shell or clustered
     #[arg(long, default_value = "uniform")]
     pub kind: CloudKind,
@@ -45,8 +52,26 @@ pub struct Arguments {
     pub output: Option<PathBuf>,
 }
 
+impl Arguments {
+    fn numbers(&self) -> Vec<usize> {
+        let of_poster = || NUMBERS.map(|n| ((n as f64 * self.scale) as usize).max(SMALLEST)).to_vec();
+        if self.numbers.is_empty() { of_poster() } else { self.numbers.iter().map(|&n| n.max(SMALLEST)).collect() }
+    }
+
+    fn effort(&self, n: usize, method: Method) -> Effort {
+        let runs = if n > 10_000_000 { 5 } else { 9 };
+        Effort {
+            warm_up: if method.on_gpu() && self.repeat.is_none() { 1.0 } else { 0.0 },
+            runs: self.repeat.unwrap_or(runs).max(1),
+            seconds: if method.on_gpu() { 3.0 } else { 1.0 },
+        }
+    }
+}
+
 /// Numbers of points; the poster has the last two.
 const NUMBERS: [usize; 6] = [100_000, 200_000, 500_000, 1_000_000, 2_000_000, 5_000_000];
+/// Fewer points are not measured.
+const SMALLEST: usize = 1000;
 const LARGE: usize = 100_000_000;
 
 /// Column names of the CSV file.
@@ -103,12 +128,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     println!("| points | nodes | mean neighbours | chart | method | ms | M/s | stages |");
     println!("| --- | --- | --- | --- | --- | --- | --- | --- |");
     let mut rows = Vec::new();
-    let numbers = NUMBERS.map(|n| ((n as f64 * arguments.scale) as usize).max(1000));
-    for n in numbers {
+    for n in arguments.numbers() {
         let case = Case::new(Set { kind: arguments.kind, n })?;
         for chart in Chart::ALL {
             for method in Method::ALL {
-                rows.extend(point(&machine, gpu, &case, chart, method)?);
+                rows.extend(point(&machine, gpu, &case, (chart, method), arguments.effort(n, method))?);
             }
         }
     }
@@ -116,7 +140,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         if (LARGE * 16) as u64 <= gpu.limits().binding_bytes {
             let case = Case::new(Set { kind: arguments.kind, n: LARGE })?;
             for chart in [Chart::Curve, Chart::Octree, Chart::Locations] {
-                rows.extend(point(&machine, Some(gpu), &case, chart, Method::Gpu)?);
+                let effort = arguments.effort(LARGE, Method::Gpu);
+                rows.extend(point(&machine, Some(gpu), &case, (chart, Method::Gpu), effort)?);
             }
         } else {
             println!("{LARGE} points do not fit into a binding of this device");
@@ -131,12 +156,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// Measures and prints one point of a chart; none where there is no GPU.
-fn point(machine: &Machine, gpu: Option<&Gpu>, case: &Case, chart: Chart, method: Method) -> Result<Option<Row>> {
-    let effort = Effort {
-        warm_up: if method.on_gpu() { 1.0 } else { 0.0 },
-        runs: if case.points.len() > 10_000_000 { 5 } else { 9 },
-        seconds: if method.on_gpu() { 3.0 } else { 1.0 },
-    };
+fn point(
+    machine: &Machine,
+    gpu: Option<&Gpu>,
+    case: &Case,
+    (chart, method): (Chart, Method),
+    effort: Effort,
+) -> Result<Option<Row>> {
     let Some(measured) = method::measure(gpu, case, chart, method, effort)? else { return Ok(None) };
     let row = Row {
         device: if method.on_gpu() { machine.name.clone() } else { processor() },
@@ -145,7 +171,7 @@ fn point(machine: &Machine, gpu: Option<&Gpu>, case: &Case, chart: Chart, method
         method,
         measured,
         nodes: case.tree.nodes().len(),
-        mean_neighbors: case.mean_neighbors,
+        mean_neighbors: case.mean_neighbors(),
     };
     let time = row.milliseconds();
     println!(

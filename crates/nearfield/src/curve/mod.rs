@@ -5,7 +5,7 @@
 //! points sorted by key are points in the order of an octree's leaves, at every level at once ([`Octant`]).
 //!
 //! [`Domain`] brings points to cells: one subtraction and one multiplication, the same bits on every device. [`order`]
-//! puts points in the order of a curve.
+//! puts points in the order of a curve, `GpuCurveOrder` does so on the GPU.
 //!
 //! `morton.wesl`, `hilbert.wesl`, `octant.wesl` and `domain.wesl` are the same functions for kernels; `cells.wesl` has those
 //! that a kernel takes for either curve.
@@ -17,6 +17,8 @@ mod domain;
 mod gpu_curve;
 #[cfg(feature = "gpu")]
 mod gpu_octants;
+#[cfg(feature = "gpu")]
+mod gpu_order;
 pub mod hilbert;
 pub mod morton;
 mod octant;
@@ -27,6 +29,8 @@ pub use domain::Domain;
 pub use gpu_curve::{Cell, GpuCurve, Key};
 #[cfg(feature = "gpu")]
 pub use gpu_octants::GpuOctants;
+#[cfg(feature = "gpu")]
+pub use gpu_order::GpuCurveOrder;
 pub use octant::Octant;
 pub use order::{mean_jump, order, order_in, order_in_plane};
 

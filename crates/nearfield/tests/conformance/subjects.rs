@@ -325,9 +325,19 @@ impl Subject {
             #[cfg(feature = "gpu")]
             Device::Gpu => {
                 let far =
-                    ["cells-a-third-refined", "cells-twenty-times", "bounds-of-a-quarter"].contains(&self.variant);
-                !far || crate::support::gpu().is_ok_and(crate::support::long_cases)
+                    ["cells-a-third-refined", "cells-twenty-times", "bounds-of-a-quarter", "leaves-of-500-to-level-4"];
+                !far.contains(&self.variant) || crate::support::gpu().is_ok_and(crate::support::long_cases)
             }
+        }
+    }
+
+    /// Whether every question is asked: software devices leave out those that differ little from others, unless long tests
+    /// are asked for.
+    pub(crate) fn asks_everything(&self) -> bool {
+        match self.device {
+            Device::Cpu => true,
+            #[cfg(feature = "gpu")]
+            Device::Gpu => crate::support::gpu().is_ok_and(crate::support::long_cases),
         }
     }
 

@@ -3,6 +3,7 @@
 mod domains;
 mod keys;
 mod octants;
+mod orders;
 #[path = "../support/mod.rs"]
 mod support;
 
@@ -38,5 +39,6 @@ fn main() {
     trials.extend(keys::trials());
     trials.extend(domains::trials());
     trials.extend(octants::trials());
+    trials.extend(orders::trials());
     libtest_mimic::run(&arguments, trials).exit();
 }
