@@ -12,9 +12,10 @@ use nearfield::parallel::scan::{self, GpuScan};
 use nearfield::{Result, Vec3};
 use rayon::prelude::*;
 
-/// Timed runs of a row, after `WARM_UPS` others; fewer where they take longer than `LONGEST`.
+/// Timed runs of a row, after others for `WARM_UP`, as cards that were idle
+/// raise their clocks only under load; fewer where they take longer than `LONGEST`.
 const RUNS: usize = 20;
-const WARM_UPS: usize = 3;
+const WARM_UP: Duration = Duration::from_millis(400);
 const LONGEST: Duration = Duration::from_secs(1);
 const LENGTHS: [usize; 2] = [1_000_000, 10_000_000];
 const SORT_LENGTHS: [usize; 5] = [1_000_000, 2_000_000, 5_000_000, 10_000_000, 100_000_000];
@@ -202,7 +203,9 @@ pub(crate) fn clocked(work: impl FnOnce()) -> Result<f64> {
 }
 
 pub(crate) fn median(mut run: impl FnMut() -> Result<f64>) -> Result<f64> {
-    for _ in 0..WARM_UPS {
+    let warming = Instant::now();
+    run()?;
+    while warming.elapsed() < WARM_UP {
         run()?;
     }
     let (start, mut times) = (Instant::now(), vec![]);
