@@ -8,6 +8,7 @@ use crate::Result;
 use crate::geometry::distance::{dist2, norm2};
 use crate::geometry::{Aabb, validate};
 use crate::structure::LinearOctree;
+use crate::structure::linear_octree::Step;
 
 /// What parts exchange.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,16 +91,16 @@ impl Search<'_> {
     fn parts_near(&self, leaf: u32) -> Vec<u32> {
         let (own, around) = (self.owners.of_nodes[leaf as usize], self.boxes[leaf as usize]);
         let mut near: Vec<u32> = vec![];
-        self.walk(|node, is_leaf| {
-            let part = self.owners.of_nodes[node];
+        self.tree.walk(|number, node| {
+            let part = self.owners.of_nodes[number as usize];
             // A part is contiguous along the walk: once met, the rest of it adds nothing.
             let known = part != MIXED && (part == own || near.last() == Some(&part));
-            if known || box_gap2(&around, &self.boxes[node]) > self.radius2 {
+            if known || box_gap2(&around, &self.boxes[number as usize]) > self.radius2 {
                 return Step::Over;
             }
-            if is_leaf {
+            if node.is_leaf() {
                 match part {
-                    MIXED => near.extend(&self.owners.of_points[self.tree.nodes()[node].points()]),
+                    MIXED => near.extend(&self.owners.of_points[node.points()]),
                     part => near.push(part),
                 }
             }
@@ -114,39 +115,17 @@ impl Search<'_> {
     fn reaches(&self, point: Vec3, part: u32) -> bool {
         let (points, owners) = (self.tree.ordered_points(), &self.owners.of_points);
         let mut found = false;
-        self.walk(|node, is_leaf| {
-            let owner = self.owners.of_nodes[node];
-            if (owner != part && owner != MIXED) || self.boxes[node].dist2_to(point) > self.radius2 {
+        self.tree.walk(|number, node| {
+            let owner = self.owners.of_nodes[number as usize];
+            if (owner != part && owner != MIXED) || self.boxes[number as usize].dist2_to(point) > self.radius2 {
                 return Step::Over;
             }
             let hit = |i: usize| owners[i] == part && dist2(point, points.position(i)) <= self.radius2;
-            found = is_leaf && self.tree.nodes()[node].points().any(hit);
+            found = node.is_leaf() && node.points().any(hit);
             if found { Step::Stop } else { Step::Into }
         });
         found
     }
-
-    /// Goes through the nodes in pre-order: `step` gets a node and whether it is a leaf.
-    fn walk(&self, mut step: impl FnMut(usize, bool) -> Step) {
-        let nodes = self.tree.nodes();
-        let mut next = 0;
-        while let Some(node) = nodes.get(next) {
-            next = match step(next, node.is_leaf()) {
-                Step::Into if !node.is_leaf() => node.first_child as usize,
-                Step::Into | Step::Over => node.rope as usize,
-                Step::Stop => return,
-            };
-        }
-    }
-}
-
-/// How a walk goes on.
-enum Step {
-    /// With the children, if there are any.
-    Into,
-    /// Behind the descendants.
-    Over,
-    Stop,
 }
 
 /// Squared distance between two boxes: at most that of any two points in them, in f32 as well.

@@ -5,6 +5,7 @@
 
 use rayon::prelude::*;
 
+use super::walk::Step;
 use super::{LinearOctree, OctreeNode};
 
 /// How two leaves touch.
@@ -85,20 +86,15 @@ impl LinearOctree {
             let last = node.high();
             (0..3).all(|axis| node.low[axis] <= high[axis] && last[axis] >= low[axis])
         };
-        let mut next = 0;
-        while let Some(node) = nodes.get(next as usize) {
-            let current = next;
-            next = node.rope;
+        let mut found = false;
+        self.walk(|current, node| {
             if !overlaps(node) {
-                continue;
+                return Step::Over;
             }
-            if !node.is_leaf() {
-                next = node.first_child;
-            } else if current != leaf && test(current) {
-                return true;
-            }
-        }
-        false
+            found = node.is_leaf() && current != leaf && test(current);
+            if found { Step::Stop } else { Step::Into }
+        });
+        found
     }
 }
 

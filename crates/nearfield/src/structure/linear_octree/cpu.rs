@@ -10,6 +10,7 @@ use super::build::{self, CurveKey, Nodes};
 use super::layout::{NONE, OctreeNode};
 use super::region::OctreeLayout;
 use super::settings::{NARROW_LEVELS, OctreeSettings};
+use super::walk::{Step, walk_nodes};
 use crate::Result;
 use crate::curve::{Curve, Domain, MAX_LEVEL};
 use crate::geometry::{Aabb, OrderedPoints, Period};
@@ -181,14 +182,13 @@ fn keys_of<K: Send>(points: &[Vec3], domain: &Domain, curve: Curve, cut: impl Fn
 /// Packs of at most [`PACK`] points: the largest octants that are small enough, large leaves in parts.
 fn packs(nodes: &[OctreeNode], n: usize) -> Vec<u32> {
     let mut packs = Vec::with_capacity(n / (PACK / 4) + 1);
-    let mut node = if nodes.is_empty() { NONE } else { 0 };
-    while let Some(current) = nodes.get(node as usize) {
-        let fits = current.n_points() as usize <= PACK;
-        if fits || current.is_leaf() {
-            packs.extend(current.points().step_by(PACK).map(|place| place as u32));
+    walk_nodes(nodes, 0, NONE, |_, node| {
+        if !node.is_leaf() && node.n_points() as usize > PACK {
+            return Step::Into;
         }
-        node = if fits || current.is_leaf() { current.rope } else { current.first_child };
-    }
+        packs.extend(node.points().step_by(PACK).map(|place| place as u32));
+        Step::Over
+    });
     packs.push(n as u32);
     packs
 }

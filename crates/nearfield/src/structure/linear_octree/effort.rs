@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::LinearOctree;
-use super::walk::{BoxCells, Meeting};
+use super::walk::{BoxCells, Meeting, Step};
 use crate::geometry::Aabb;
 use crate::structure::{CpuStructure, Effort};
 
@@ -24,19 +24,17 @@ pub(super) fn most(tree: &LinearOctree, radius: f32, queries: Option<&Aabb>, in_
     let of_pack = |pack: &&[u32]| {
         let region = tree.layout.region_near(&tree.points.bounds(pack[0] as usize..pack[1] as usize), radius);
         let (mut visited, mut leaves, mut candidates) = (0u64, 0u64, 0u64);
-        let mut next = 0u32;
-        while let Some(node) = tree.nodes().get(next as usize) {
+        tree.walk(|_, node| {
             visited += 1;
-            next = node.rope;
-            if region.overlaps(node) {
-                if node.is_leaf() {
-                    leaves += 1;
-                    candidates += u64::from(node.n_points());
-                } else {
-                    next = node.first_child;
-                }
+            if !region.overlaps(node) {
+                return Step::Over;
             }
-        }
+            if node.is_leaf() {
+                leaves += 1;
+                candidates += u64::from(node.n_points());
+            }
+            Step::Into
+        });
         (visited, leaves, candidates)
     };
     let largest = |a: (u64, u64, u64), b: (u64, u64, u64)| (a.0.max(b.0), a.1.max(b.1), a.2.max(b.2));
@@ -73,19 +71,16 @@ pub(super) fn most_nearest_steps(
         };
         let probe = tree.layout.probe(query);
         let mut steps = u64::from(tree.nodes()[start].n_points());
-        let mut next = 0u32;
-        while let Some(node) = tree.nodes().get(next as usize) {
+        tree.walk(|number, node| {
             steps += 1;
-            let is_taken = next as usize == start;
-            next = node.rope;
-            if !is_taken && tree.layout.dist2_below(&probe, node) <= reach2 {
-                if node.is_leaf() {
-                    steps += u64::from(node.n_points());
-                } else {
-                    next = node.first_child;
-                }
+            if number as usize == start || tree.layout.dist2_below(&probe, node) > reach2 {
+                return Step::Over;
             }
-        }
+            if node.is_leaf() {
+                steps += u64::from(node.n_points());
+            }
+            Step::Into
+        });
         steps
     };
     match queries {
@@ -102,17 +97,17 @@ pub(super) fn most_nearest_steps(
 pub(super) fn most_box_steps(tree: &LinearOctree, boxes: &[[[u32; 3]; 2]], writes: bool) -> u64 {
     let steps = |&[low, high]: &[[u32; 3]; 2]| {
         let cells = BoxCells::between(low, high);
-        let (mut steps, mut next) = (0u64, 0u32);
-        while let Some(node) = tree.nodes().get(next as usize) {
+        let mut steps = 0u64;
+        tree.walk(|_, node| {
             steps += 1;
-            next = node.rope;
             match cells.meet(node) {
                 Meeting::Apart => {}
                 Meeting::Inside => steps += if writes { u64::from(node.n_points()) } else { 0 },
                 Meeting::Partly if node.is_leaf() => steps += u64::from(node.n_points()),
-                Meeting::Partly => next = node.first_child,
+                Meeting::Partly => return Step::Into,
             }
-        }
+            Step::Over
+        });
         steps
     };
     boxes.par_iter().map(steps).max().unwrap_or(0)

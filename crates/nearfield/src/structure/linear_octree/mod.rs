@@ -52,3 +52,4 @@ pub use gpu::GpuLinearOctree;
 pub use layout::{NONE, OctreeNode};
 pub use region::OctreeLayout;
 pub use settings::OctreeSettings;
+pub(crate) use walk::Step;

@@ -8,6 +8,7 @@ use glam::Vec3;
 use super::LinearOctree;
 use super::layout::OctreeNode;
 use super::region::OctreeLayout;
+use super::walk::Step;
 use crate::curve::MAX_LEVEL;
 use crate::geometry::distance::norm2;
 
@@ -73,20 +74,15 @@ impl LinearOctree {
         let mut reach2 = test(nodes[inner].points());
         while let Some(parent) = nodes.get(nodes[inner].parent as usize) {
             for sibling in parent.children().filter(|&sibling| sibling != inner) {
-                // Everything below the sibling, in pre-order.
-                let (mut next, end) = (sibling as u32, nodes[sibling].rope);
-                while next != end {
-                    let node = &nodes[next as usize];
-                    next = node.rope;
+                self.walk_below(sibling as u32, |_, node| {
                     if self.layout.dist2_below(&probe, node) > reach2 {
-                        continue;
+                        return Step::Over;
                     }
                     if node.is_leaf() {
                         reach2 = test(node.points());
-                    } else {
-                        next = node.first_child;
                     }
-                }
+                    Step::Into
+                });
             }
             inner = nodes[inner].parent as usize;
         }

@@ -52,32 +52,60 @@ impl LinearOctree {
         })
     }
 
-    /// Appends the spans of points in the nodes that the region touches; touching spans become one.
+    /// Goes through the nodes in pre-order, by the ropes: `step` gets the number of a node and the node.
+    #[inline(always)]
+    pub(crate) fn walk(&self, step: impl FnMut(u32, &OctreeNode) -> Step) {
+        walk_nodes(self.nodes(), 0, NONE, step);
+    }
+
+    /// As [`LinearOctree::walk`], only through a node and its descendants.
+    #[inline(always)]
+    pub(super) fn walk_below(&self, node: u32, step: impl FnMut(u32, &OctreeNode) -> Step) {
+        walk_nodes(self.nodes(), node, self.nodes()[node as usize].rope, step);
+    }
+
+    /// Appends spans of points that together hold all points in the cells of the region, along the curve: those of the
+    /// largest nodes that lie inside, and of the leaves that lie partly inside. Touching spans become one.
     pub(super) fn spans_in(&self, region: &CellRegion, spans: &mut Vec<Range<usize>>) {
-        self.nodes_in(region, |node| {
+        self.walk(|_, node| {
+            if !region.overlaps(node) {
+                return Step::Over;
+            }
+            if !node.is_leaf() && !region.contains(node) {
+                return Step::Into;
+            }
             let points = node.points();
             match spans.last_mut() {
                 Some(last) if last.end == points.start => last.end = points.end,
                 _ => spans.push(points),
             }
+            Step::Over
         });
     }
+}
 
-    /// Calls `visit` with nodes that together hold all points in the cells of the region, along the curve: the largest
-    /// ones that lie inside, and the leaves that lie partly inside.
-    pub(super) fn nodes_in(&self, region: &CellRegion, mut visit: impl FnMut(&OctreeNode)) {
-        let nodes = self.nodes();
-        let mut next = if nodes.is_empty() { NONE } else { 0 };
-        while let Some(node) = nodes.get(next as usize) {
-            next = node.rope;
-            if region.overlaps(node) {
-                if node.is_leaf() || region.contains(node) {
-                    visit(node);
-                } else {
-                    next = node.first_child;
-                }
-            }
-        }
+/// How a walk goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Step {
+    /// With the children, if there are any.
+    Into,
+    /// Behind the descendants.
+    Over,
+    /// Not at all.
+    Stop,
+}
+
+/// Goes from node `first` on in pre-order, until `end` or behind the last.
+#[inline(always)]
+pub(super) fn walk_nodes(nodes: &[OctreeNode], first: u32, end: u32, mut step: impl FnMut(u32, &OctreeNode) -> Step) {
+    let mut next = first;
+    while next != end {
+        let Some(node) = nodes.get(next as usize) else { return };
+        next = match step(next, node) {
+            Step::Into if !node.is_leaf() => node.first_child,
+            Step::Into | Step::Over => node.rope,
+            Step::Stop => return,
+        };
     }
 }
 
@@ -122,17 +150,15 @@ impl LinearOctree {
     /// whether all points of the span are inside.
     pub(crate) fn spans_in_box(&self, aabb: &Aabb, mut visit: impl FnMut(Range<usize>, bool)) {
         let cells = BoxCells::between(self.domain().cell_of(aabb.min), self.domain().cell_of(aabb.max));
-        let nodes = self.nodes();
-        let mut next = if nodes.is_empty() { NONE } else { 0 };
-        while let Some(node) = nodes.get(next as usize) {
-            next = node.rope;
+        self.walk(|_, node| {
             match cells.meet(node) {
                 Meeting::Apart => {}
                 Meeting::Inside => visit(node.points(), true),
                 Meeting::Partly if node.is_leaf() => visit(node.points(), false),
-                Meeting::Partly => next = node.first_child,
+                Meeting::Partly => return Step::Into,
             }
-        }
+            Step::Over
+        });
     }
 }
 
