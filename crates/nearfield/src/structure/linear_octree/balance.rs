@@ -102,13 +102,16 @@ fn cut_heads(tree: &LinearOctree, keys: &[u64], cut: &[Vec<Octant>]) -> Vec<Leaf
 #[cfg(feature = "gpu")]
 mod on_gpu {
     use crate::Result;
-    use crate::curve::Curve;
-    use crate::gpu::{Access, Buffer, Commands, Gpu, Kernel, Workgroups};
+    use crate::curve::{Curve, MAX_LEVEL};
+    use crate::gpu::{Access, Buffer, Commands, DeviceElement, Gpu, Kernel, Workgroups};
     use crate::parallel::compact::GpuCompact;
     use crate::parallel::radix_sort::GpuRadixSort;
+    use crate::structure::linear_octree::linker::{
+        self, NodeLinker, OctreeSummary, SortedKeys, SortedPoints, WORKGROUP, features,
+    };
+    use crate::structure::linear_octree::settings::NARROW_LEVELS;
     use crate::structure::linear_octree::{GpuLinearOctree, OctreeNode};
 
-    const WORKGROUP: u32 = 256;
     const MODULE: &str = "package::structure::linear_octree::balance";
 
     impl GpuLinearOctree {
@@ -117,11 +120,50 @@ mod on_gpu {
         /// # Errors
         /// `OutOfDeviceMemory`, `DeviceLost`.
         pub fn balanced(&self) -> Result<Self> {
-            crate::structure::linear_octree::builder::balanced(self)
+            let octants = self.octants_to_cut()?;
+            if self.sorted_levels <= NARROW_LEVELS {
+                return self.cut::<u32>(NARROW_LEVELS, &octants);
+            }
+            self.cut::<u64>(MAX_LEVEL, &octants)
+        }
+
+        /// The nodes once these octants are cut, by keys of so many levels.
+        fn cut<K: DeviceElement>(&self, key_levels: u32, octants: &Buffer<u64>) -> Result<Self> {
+            use Access::{Read, ReadWrite, Uniform};
+            let (gpu, n, curve) = (&self.gpu, self.points.len(), self.curve());
+            let linker = NodeLinker::new(gpu, n, &self.settings, self.layout.domain)?;
+            let keys = SortedKeys::<K>::new(gpu, n, curve, self.sorted_levels, key_levels)?;
+            let (features, accesses) = (features(curve, key_levels), [Uniform, Read, Read, Read, ReadWrite]);
+            let count_cut_nodes =
+                gpu.pipeline(&linker::kernel(MODULE, "count_cut_nodes", &features, &accesses, WORKGROUP))?;
+            let parameters = gpu.uniform("leaf parameters", &[n as u32, 0, keys.levels, 0])?;
+            let cut_parameters = gpu.uniform("cut parameters", &[n as u32, 0, octants.len() as u32, 0])?;
+            let summary: Buffer<OctreeSummary> = gpu.buffer("octree summary", 1)?;
+            let mut commands = gpu.commands("cut leaves");
+            commands.stage("cut leaves");
+            // The points stand in order: so do their keys.
+            let shared = [(&parameters).into(), (&linker.domain_buffer).into(), (&summary).into()];
+            keys.record_keys(&mut commands, shared, &self.points, &keys.keys);
+            commands.dispatch(
+                &count_cut_nodes,
+                &[
+                    (&cut_parameters).into(),
+                    (&self.nodes).into(),
+                    octants.into(),
+                    (&keys.keys).into(),
+                    (&linker.node_counts).into(),
+                ],
+                Workgroups::Covering(n as u64),
+            );
+            linker.record_totals(&mut commands, &keys, [(&parameters).into(), (&summary).into()])?;
+            let stages = commands.run()?;
+            let sorted = SortedPoints { points: self.points.clone(), ids: self.ids.clone() };
+            let tree = linker.link(&keys, sorted, gpu.read(&summary)?[0], stages)?;
+            Ok(Self { is_balanced: true, ..tree })
         }
 
         /// The octants that have children once the tree is balanced, ascending: level after level.
-        pub(in crate::structure::linear_octree) fn octants_to_cut(&self) -> Result<Buffer<u64>> {
+        fn octants_to_cut(&self) -> Result<Buffer<u64>> {
             let gpu = &self.gpu;
             let mut by_level: Vec<Buffer<u64>> = Vec::new();
             let mut below = gpu.buffer("octants to cut", 0)?;

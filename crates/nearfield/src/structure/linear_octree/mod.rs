@@ -32,6 +32,8 @@ mod effort;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod layout;
+#[cfg(feature = "gpu")]
+mod linker;
 mod locate;
 mod nearest;
 mod region;
@@ -45,11 +47,13 @@ mod walk;
 pub use adjacency::GpuLeafNeighbors;
 pub use adjacency::{Contact, LeafNeighbors};
 #[cfg(feature = "gpu")]
-pub use builder::{OctreeBuilder, OctreeSummary};
+pub use builder::OctreeBuilder;
 pub use cpu::LinearOctree;
 #[cfg(feature = "gpu")]
 pub use gpu::GpuLinearOctree;
 pub use layout::{NONE, OctreeNode};
+#[cfg(feature = "gpu")]
+pub use linker::OctreeSummary;
 pub use region::OctreeLayout;
 pub use settings::OctreeSettings;
 pub(crate) use walk::Step;
