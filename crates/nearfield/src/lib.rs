@@ -49,4 +49,4 @@ pub use structure::{
     LinearOctree, OctreeNode, OctreeSettings, TreeSearch, UniformGrid,
 };
 #[cfg(feature = "gpu")]
-pub use structure::{GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuUniformGrid};
+pub use structure::{GpuAabbTree, GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuUniformGrid};

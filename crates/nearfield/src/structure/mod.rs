@@ -20,6 +20,8 @@ mod packing;
 pub mod uniform_grid;
 
 pub use aabb_tree::{AabbTree, AabbTreeSettings, BuildOrder, TreeSearch, TreeShape};
+#[cfg(feature = "gpu")]
+pub use aabb_tree::{AabbTreeBuilder, GpuAabbTree};
 pub use brute_force::BruteForce;
 #[cfg(feature = "gpu")]
 pub use brute_force::GpuBruteForce;

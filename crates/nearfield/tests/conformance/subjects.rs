@@ -11,7 +11,7 @@ use nearfield::{
 #[cfg(feature = "gpu")]
 use nearfield::{
     query::{ForEachOnDevice, Visitor as DeviceVisitor},
-    structure::{GpuBruteForce, GpuLinearOctree, GpuUniformGrid},
+    structure::{GpuAabbTree, GpuBruteForce, GpuLinearOctree, GpuUniformGrid},
 };
 
 use crate::cases::Case;
@@ -199,6 +199,21 @@ macro_rules! octree_on_cpu {
 }
 
 #[cfg(feature = "gpu")]
+macro_rules! tree_on_gpu {
+    ($number:literal) => {
+        Subject {
+            structure: "aabb-tree",
+            device: Device::Gpu,
+            variant: TREES[$number].0,
+            build: |plan| {
+                let settings = TREES[$number].1.periodic(plan.period);
+                Ok(Box::new(GpuAabbTree::build(device(), plan.points, &settings)?))
+            },
+        }
+    };
+}
+
+#[cfg(feature = "gpu")]
 macro_rules! octree_on_gpu {
     ($number:literal) => {
         Subject {
@@ -256,6 +271,11 @@ macro_rules! on_gpu {
 on_gpu!(GpuBruteForce, |_| None, knn);
 #[cfg(feature = "gpu")]
 on_gpu!(GpuUniformGrid, |_| None);
+#[cfg(feature = "gpu")]
+on_gpu!(GpuAabbTree, |tree: &GpuAabbTree| match tree.read() {
+    Ok(tree) => tree.broken_invariant(),
+    Err(error) => Some(error.to_string()),
+});
 #[cfg(feature = "gpu")]
 on_gpu!(
     GpuLinearOctree,
@@ -328,6 +348,12 @@ pub(crate) const SUBJECTS: &[Subject] = &[
     grid_on_gpu!(4),
     #[cfg(feature = "gpu")]
     grid_on_gpu!(5),
+    #[cfg(feature = "gpu")]
+    tree_on_gpu!(0),
+    #[cfg(feature = "gpu")]
+    tree_on_gpu!(1),
+    #[cfg(feature = "gpu")]
+    tree_on_gpu!(3),
     #[cfg(feature = "gpu")]
     octree_on_gpu!(0),
     #[cfg(feature = "gpu")]

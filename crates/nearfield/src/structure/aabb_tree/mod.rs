@@ -19,7 +19,16 @@
 //! 5. packs tile the order.
 
 mod build;
+#[cfg(feature = "gpu")]
+mod builder;
 mod cpu;
+#[cfg(feature = "gpu")]
+mod effort;
+#[cfg(feature = "gpu")]
+mod fitter;
+#[cfg(feature = "gpu")]
+mod gpu;
+mod layout;
 mod region;
 mod scalar;
 mod settings;
@@ -29,7 +38,12 @@ mod validate;
 mod walk;
 
 pub use build::BoxN;
+#[cfg(feature = "gpu")]
+pub use builder::AabbTreeBuilder;
 pub use cpu::AabbTree;
+#[cfg(feature = "gpu")]
+pub use gpu::GpuAabbTree;
+pub use layout::{AabbNode, TreeLayout};
 pub use region::NodeBox;
 pub use scalar::Scalar;
 pub use settings::{AabbTreeSettings, BuildOrder, TreeSearch};
