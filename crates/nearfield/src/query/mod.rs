@@ -1,5 +1,5 @@
-//! Questions to a structure and their answers: all neighbours within a radius, how many, the nearest one; the k nearest
-//! without a radius; the points in a box.
+//! Questions to a structure and their answers: all neighbours within a radius, how many, the nearest one; the k nearest,
+//! however far or within a radius; the points in a box.
 //!
 //! [`FixedRadius`] is the first question, [`NeighborSearch`] what every structure on every device answers, and
 //! [`Neighbors`], [`Counts`], [`Nearest`] the answers. [`Knn`] and [`Boxes`] are asked of structures with [`KnnSearch`]
@@ -23,7 +23,7 @@ pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
-pub use gpu::Batch;
+pub use gpu::{Batch, KnnBatch};
 #[cfg(feature = "gpu")]
 pub use gpu::{ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
 #[cfg(feature = "gpu")]
