@@ -6,6 +6,8 @@
 //! and [`BoxSearch`]. Each answer carries a [`Report`] of what really ran.
 
 mod boxes;
+#[cfg(feature = "gpu")]
+mod choose;
 mod cpu;
 mod fixed_radius;
 #[cfg(feature = "gpu")]
@@ -14,11 +16,15 @@ mod gpu;
 mod index;
 mod knn;
 mod neighbors;
+#[cfg(feature = "gpu")]
+mod occupancy;
 mod report;
 mod rows;
 mod search;
 
 pub use boxes::{BoxSearch, Boxes};
+#[cfg(feature = "gpu")]
+pub use choose::{Purpose, StructureChoice};
 pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
@@ -27,7 +33,7 @@ pub use gpu::{Batch, KnnBatch};
 #[cfg(feature = "gpu")]
 pub use gpu::{ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
 #[cfg(feature = "gpu")]
-pub use index::{Index, IndexSettings, StructureChoice};
+pub use index::{Index, IndexSettings};
 pub use knn::{Knn, KnnSearch, NearestNeighbors};
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
 pub use report::{Clock, Report, Stage};
