@@ -169,11 +169,14 @@ fn draw(points: &[Vec3], rows: &Neighbors, path: &Path, force: bool) -> Result<(
         name: "synthetic street scan".to_owned(),
         points,
         queries: None,
-        radius: RADIUS,
+        asked: format!("radius {RADIUS}"),
+        cell: RADIUS,
+        varied: false,
         period: Default::default(),
         counts: &counts,
         summary: Summary::of(counts.iter().copied()),
-        shown_row: vec![],
+        kth: None,
+        shown_row: (vec![], 0.0),
     };
     let size = PictureSize { width: 1600, height: 1000 };
     let image = crate::neighbors_picture::draw(&found, Color::Count, Up::Z, size);

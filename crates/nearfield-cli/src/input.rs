@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use nearfield::io::{Format, parse_cloud, parse_mesh};
+use nearfield::io::{Format, parse_cloud, parse_mesh, parse_radii};
 use nearfield::{Error, PointCloud, TriMesh};
 
 use crate::exit::Failure;
@@ -29,20 +29,7 @@ impl Input {
             }
             None => Format::from_path(path).map_err(|e| missing_first(path, e))?,
         };
-        let failed = |source| Failure::Read(path.to_owned(), Error::Io { path: path.to_owned(), source });
-        let bytes = if path == Path::new("-") {
-            let mut bytes = vec![];
-            // One byte more than allowed is enough to know.
-            let most = common.memory_left(0).unwrap_or(u64::MAX).saturating_add(1);
-            std::io::stdin().lock().take(most).read_to_end(&mut bytes).map_err(failed)?;
-            common.allow("the input", bytes.len() as u64).map_err(Failure::Search)?;
-            bytes
-        } else {
-            let size = std::fs::metadata(path).map_err(failed)?.len();
-            common.allow("the input", size).map_err(Failure::Search)?;
-            std::fs::read(path).map_err(failed)?
-        };
-        Ok(Self { path: path.to_owned(), format, bytes })
+        Ok(Self { path: path.to_owned(), format, bytes: contents(path, common)? })
     }
 
     /// The format it is read as.
@@ -74,14 +61,46 @@ impl Input {
     }
 
     fn failure(&self, error: Error) -> Failure {
-        match error {
-            Error::File(mut file) => {
-                file.path = Some(crate::exit::shown(&self.path).into());
-                Failure::Read(self.path.clone(), Error::File(file))
-            }
-            other => Failure::Read(self.path.clone(), other),
-        }
+        failure(&self.path, error)
     }
+}
+
+/// The bytes of a file or of standard input.
+fn contents(path: &Path, common: &Common) -> Result<Vec<u8>, Failure> {
+    let failed = |source| Failure::Read(path.to_owned(), Error::Io { path: path.to_owned(), source });
+    if path == Path::new("-") {
+        let mut bytes = vec![];
+        // One byte more than allowed is enough to know.
+        let most = common.memory_left(0).unwrap_or(u64::MAX).saturating_add(1);
+        std::io::stdin().lock().take(most).read_to_end(&mut bytes).map_err(failed)?;
+        common.allow("the input", bytes.len() as u64).map_err(Failure::Search)?;
+        return Ok(bytes);
+    }
+    let size = std::fs::metadata(path).map_err(failed)?.len();
+    common.allow("the input", size).map_err(Failure::Search)?;
+    std::fs::read(path).map_err(failed)
+}
+
+/// Bad content of the file.
+fn failure(path: &Path, error: Error) -> Failure {
+    match error {
+        Error::File(mut file) => {
+            file.path = Some(crate::exit::shown(path).into());
+            Failure::Read(path.to_owned(), Error::File(file))
+        }
+        other => Failure::Read(path.to_owned(), other),
+    }
+}
+
+/// A radius for each of so many queries.
+pub(crate) fn radii(path: &Path, n_queries: usize, common: &Common) -> Result<Vec<f32>, Failure> {
+    let radii = parse_radii(&contents(path, common)?).map_err(|e| failure(path, e))?;
+    let (found, expected) = (radii.len() as u64, n_queries as u64);
+    if found != expected {
+        let what = "the list of radii, one for each query,";
+        return Err(Failure::Read(path.to_owned(), Error::LengthMismatch { what, found, expected }));
+    }
+    Ok(radii)
 }
 
 /// A file that is not there is worth saying before its extension.

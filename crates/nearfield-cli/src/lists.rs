@@ -3,7 +3,6 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use nearfield::Neighbors;
 use nearfield::io::{NpyArray, write_atomically, write_npz};
 
 use crate::exit::Failure;
@@ -28,26 +27,36 @@ impl ListFormat {
     }
 }
 
-/// Writes a list that has distances, whole or not at all.
-pub(crate) fn write(path: &Path, format: ListFormat, rows: &Neighbors, force: bool) -> nearfield::Result<()> {
-    let distances = rows.distances().unwrap_or_default();
+/// Neighbours of each query as compressed rows.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rows<'a> {
+    /// `[q + 1]`
+    pub(crate) offsets: &'a [u64],
+    /// `[nnz]`
+    pub(crate) indices: &'a [u32],
+    /// `[nnz]`
+    pub(crate) distances: &'a [f32],
+}
+
+/// Writes a list, whole or not at all.
+pub(crate) fn write(path: &Path, format: ListFormat, rows: &Rows<'_>, force: bool) -> nearfield::Result<()> {
     write_atomically(path, force, |w| match format {
         ListFormat::Npz => {
             let arrays = [
-                ("offsets", NpyArray::U64(rows.offsets())),
-                ("indices", NpyArray::U32(rows.indices())),
-                ("distances", NpyArray::F32(distances)),
+                ("offsets", NpyArray::U64(rows.offsets)),
+                ("indices", NpyArray::U32(rows.indices)),
+                ("distances", NpyArray::F32(rows.distances)),
             ];
             write_npz(&arrays, w)
         }
-        ListFormat::Csv => write_csv(rows, distances, w),
+        ListFormat::Csv => write_csv(rows, w),
     })
 }
 
-fn write_csv(rows: &Neighbors, distances: &[f32], w: &mut dyn Write) -> io::Result<()> {
+fn write_csv(rows: &Rows<'_>, w: &mut dyn Write) -> io::Result<()> {
     writeln!(w, "query,neighbor,distance")?;
-    let mut places = rows.indices().iter().zip(distances);
-    for (query, ends) in rows.offsets().windows(2).enumerate() {
+    let mut places = rows.indices.iter().zip(rows.distances);
+    for (query, ends) in rows.offsets.windows(2).enumerate() {
         for (index, distance) in places.by_ref().take((ends[1] - ends[0]) as usize) {
             writeln!(w, "{query},{index},{distance}")?;
         }

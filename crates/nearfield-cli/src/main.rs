@@ -15,6 +15,7 @@ mod info;
 mod input;
 mod lists;
 mod neighbors;
+mod neighbors_answer;
 mod neighbors_picture;
 mod octree;
 mod octree_file;

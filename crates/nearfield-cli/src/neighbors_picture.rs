@@ -11,7 +11,7 @@ use crate::colormap;
 use crate::neighbors::{Color, Found};
 use crate::options::PictureSize;
 use crate::picture::{self, Bar, Image, Scale, Scene, Up};
-use crate::report::grouped;
+use crate::report::{DIGITS, grouped, short};
 
 const GREEN: [u8; 3] = [70, 235, 90];
 const BLUE: [u8; 3] = [70, 140, 255];
@@ -37,7 +37,7 @@ pub(crate) fn draw(found: &Found<'_>, color: Color, up: Up, size: PictureSize) -
         sizes: &[],
         focus: &[],
         up,
-        title: format!("{}: {} points, radius {}", found.name, grouped(found.points.len() as u64), short(found.radius)),
+        title: format!("{}: {} points, {}", found.name, grouped(found.points.len() as u64), found.asked),
         subtitle: counts_line(found),
         bar: None,
         swatches: vec![],
@@ -53,29 +53,45 @@ pub(crate) fn draw(found: &Found<'_>, color: Color, up: Up, size: PictureSize) -
                 Some(_) => vec![GREY; points.len()].into_iter().chain(counts).collect(),
             }
         }
+        Color::Distance => {
+            let (k, kth) = found.kth.unwrap_or((0, &[]));
+            let scale = Scale::of_lengths(kth);
+            let none = kth.iter().filter(|distance| distance.is_infinite()).count();
+            scene.bar = Some(Bar { label: "distance".to_owned(), scale });
+            scene.subtitle = distance_line(k, kth, none);
+            let distances = kth.iter().map(|&d| if d.is_finite() { scale.color_of(d) } else { GREY });
+            match found.queries {
+                None => distances.collect(),
+                Some(_) => vec![GREY; points.len()].into_iter().chain(distances).collect(),
+            }
+        }
         Color::Cell => {
-            let settings = GridSettings { refine_x: 1, ..GridSettings::for_radius(found.radius) };
+            let settings = GridSettings { refine_x: 1, ..GridSettings::for_radius(found.cell) };
             let bounds = Aabb::of_points(found.points);
             let layout = GridLayout::new(points.len() as u32, &bounds, &settings.periodic(found.period));
             scene.subtitle = format!(
-                "every grid cell has its own colour; {} x {} x {} cells as wide as the radius",
-                layout.cells[0], layout.cells[1], layout.cells[2]
+                "every grid cell has its own colour; {} x {} x {} cells as wide as the {}radius",
+                layout.cells[0],
+                layout.cells[1],
+                layout.cells[2],
+                if found.varied { "largest " } else { "" }
             );
             points.iter().map(|&p| cell_color(layout.cell_of(p))).collect()
         }
         Color::NeighborsOf(query) => {
             let mut colors = vec![GREY; points.len()];
-            for &i in &found.shown_row {
+            let (row, reach) = &found.shown_row;
+            for &i in row {
                 colors[i as usize] = BLUE;
             }
             let center = found.queries.map_or_else(|| points[query], |queries| queries[query]);
-            scene.subtitle = format!("query {query} (green) has {} neighbours (blue)", found.shown_row.len());
+            scene.subtitle = format!("query {query} (green) has {} neighbours (blue)", row.len());
             if found.queries.is_none() {
                 colors[query] = GREEN;
                 sizes = vec![BALL; points.len()];
                 sizes[query] = 1.6 * BALL;
             }
-            let reach = VIEW * found.radius;
+            let reach = VIEW * reach;
             focus = points.iter().copied().filter(|p| p.distance(center) <= reach).collect();
             // What lies farther away would only stand between the eye and the query.
             for (point, color) in points.iter_mut().zip(&colors) {
@@ -89,7 +105,7 @@ pub(crate) fn draw(found: &Found<'_>, color: Color, up: Up, size: PictureSize) -
     // Other queries are drawn as points of their own, larger than the rest.
     if let Some(queries) = found.queries {
         let shown: &[Vec3] = match color {
-            Color::Count => queries,
+            Color::Count | Color::Distance => queries,
             Color::Cell => &[],
             Color::NeighborsOf(query) => {
                 colors.push(GREEN);
@@ -104,6 +120,22 @@ pub(crate) fn draw(found: &Found<'_>, color: Color, up: Up, size: PictureSize) -
     picture::draw(&scene, size)
 }
 
+fn distance_line(k: u32, kth: &[f32], none: usize) -> String {
+    let mut finite: Vec<f32> = kth.iter().copied().filter(|distance| distance.is_finite()).collect();
+    finite.sort_unstable_by(f32::total_cmp);
+    let (Some(&low), Some(&high)) = (finite.first(), finite.last()) else {
+        return format!("no query has {k} neighbours");
+    };
+    let fewer = if none > 0 { format!(", {} have fewer (grey)", grouped(none as u64)) } else { String::new() };
+    let middle = finite[finite.len() / 2];
+    format!(
+        "distance of neighbour {k}: median {}, min {}, max {}{fewer}",
+        short(middle, DIGITS),
+        short(low, DIGITS),
+        short(high, DIGITS)
+    )
+}
+
 fn counts_line(found: &Found<'_>) -> String {
     let summary = &found.summary;
     let who = match found.queries {
@@ -111,15 +143,6 @@ fn counts_line(found: &Found<'_>) -> String {
         None => String::new(),
     };
     format!("{who}neighbours mean {:.1}, min {}, max {}", summary.mean, summary.min, grouped(summary.max.into()))
-}
-
-/// Four digits are enough for a title.
-pub(crate) fn short(length: f32) -> String {
-    let text = format!("{length:.3e}");
-    // Through the number again: 2.500e-3 reads better as 0.0025.
-    text.parse::<f64>().map_or(text, |rounded| {
-        if (1e-4..1e6).contains(&rounded) { format!("{rounded}") } else { format!("{rounded:e}") }
-    })
 }
 
 fn cell_color([x, y, z]: [u32; 3]) -> [u8; 3] {

@@ -55,12 +55,58 @@ impl Times {
     }
 }
 
+/// What was found of the k nearest.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct KnnSummary {
+    pub(crate) k: u32,
+    /// Queries with k neighbours.
+    pub(crate) full_rows: u64,
+    /// Mean, smallest and largest distance of the k-th neighbour, of those that have one.
+    pub(crate) kth: Option<[f64; 3]>,
+}
+
+impl KnnSummary {
+    /// From the distance of the k-th neighbour of each query, infinite where there is none.
+    pub(crate) fn of(k: u32, kth: &[f32]) -> Self {
+        let full: Vec<f64> = kth.iter().filter(|d| d.is_finite()).map(|&d| f64::from(d)).collect();
+        let (low, high) = full.iter().fold((f64::INFINITY, 0.0f64), |(l, h), &d| (l.min(d), h.max(d)));
+        let mean = full.iter().sum::<f64>() / full.len() as f64;
+        Self { k, full_rows: full.len() as u64, kth: (!full.is_empty()).then_some([mean, low, high]) }
+    }
+
+    fn line(&self, queries: u64) -> String {
+        let Some([mean, low, high]) = self.kth.map(|kth| kth.map(|distance| short(distance as f32, DIGITS))) else {
+            return format!("no query has {} neighbours", self.k);
+        };
+        let full = match self.full_rows {
+            all if all == queries => String::new(),
+            some => format!(", of the {} queries that have so many", grouped(some)),
+        };
+        format!("distance of neighbour {}: mean {mean}, min {low}, max {high}{full}", self.k)
+    }
+}
+
+/// A length with so many digits.
+pub(crate) fn short(length: f32, digits: usize) -> String {
+    let text = format!("{length:.*e}", digits - 1);
+    // Through the number again: 2.500e-3 reads better as 0.0025.
+    text.parse::<f64>().map_or(text, |rounded| {
+        if rounded == 0.0 || (1e-4..1e6).contains(&rounded) { format!("{rounded}") } else { format!("{rounded:e}") }
+    })
+}
+
+/// Digits that are enough for people.
+pub(crate) const DIGITS: usize = 4;
+
 /// Everything worth saying about a search.
 #[derive(Debug, Clone)]
 pub(crate) struct SearchSummary {
     pub(crate) points: u64,
     pub(crate) queries: u64,
-    pub(crate) radius: f32,
+    /// The smallest and the largest radius; `None` without any.
+    pub(crate) radii: Option<[f32; 2]>,
+    /// Where the nearest were asked for.
+    pub(crate) knn: Option<KnnSummary>,
     pub(crate) neighbors: Summary,
     pub(crate) memory_bytes: u64,
     pub(crate) cut_rows: u64,
@@ -80,10 +126,18 @@ impl SearchSummary {
             let clock = if s.clock == Clock::Device { "device" } else { "host" };
             json!({ "name": s.name, "milliseconds": rounded(s.milliseconds), "clock": clock })
         };
+        let kth = |i: usize| self.knn.as_ref().and_then(|knn| Some(knn.kth?[i]));
         json!({
             "points": self.points,
             "queries": self.queries,
-            "radius": shortest(self.radius),
+            "radius": self.radii.filter(|[low, high]| low == high).map(|[radius, _]| shortest(radius)),
+            "radius_min": self.radii.map(|radii| shortest(radii[0])),
+            "radius_max": self.radii.map(|radii| shortest(radii[1])),
+            "k": self.knn.as_ref().map(|knn| knn.k),
+            "full_rows": self.knn.as_ref().map(|knn| knn.full_rows),
+            "kth_distance_mean": kth(0),
+            "kth_distance_min": kth(1),
+            "kth_distance_max": kth(2),
             "neighbors_total": self.neighbors.total,
             "neighbors_mean": self.neighbors.mean,
             "neighbors_min": self.neighbors.min,
@@ -92,6 +146,7 @@ impl SearchSummary {
             "cut_neighbors": self.cut_neighbors,
             "device": self.report.device,
             "structure": self.report.structure,
+            "reason": self.report.reason,
             "search": self.report.search,
             "kernels": self.report.kernels,
             "batches": self.report.batches,
@@ -117,21 +172,26 @@ impl SearchSummary {
             0 | 1 => String::new(),
             n => format!(", {n} batches"),
         };
-        let rows = [
-            ("points", grouped(self.points)),
-            ("queries", grouped(self.queries)),
-            ("radius", format!("{}", self.radius)),
-            (
-                "neighbours",
-                format!("mean {:.2}, min {}, max {}, total {}", n.mean, n.min, grouped(n.max.into()), grouped(n.total)),
-            ),
+        let mut rows = vec![("points", grouped(self.points)), ("queries", grouped(self.queries))];
+        match self.radii {
+            Some([low, high]) if low < high => rows.push(("radius", format!("{low} to {high}"))),
+            Some([radius, _]) => rows.push(("radius", radius.to_string())),
+            None => {}
+        }
+        rows.push((
+            "neighbours",
+            format!("mean {:.2}, min {}, max {}, total {}", n.mean, n.min, grouped(n.max.into()), grouped(n.total)),
+        ));
+        rows.extend(self.knn.as_ref().map(|knn| ("nearest", knn.line(self.queries))));
+        rows.extend([
             ("device", self.report.device.clone()),
             (
                 "structure",
                 format!("{} ({}{batches}), {}", self.report.structure, self.report.search, size(self.memory_bytes)),
             ),
-            ("time", times.join(", ")),
-        ];
+        ]);
+        rows.extend(self.report.reason.clone().map(|reason| ("reason", reason)));
+        rows.push(("time", times.join(", ")));
         let mut text = String::new();
         for (name, value) in rows {
             text += &format!("{name:<12}{value}\n");

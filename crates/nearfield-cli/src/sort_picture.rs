@@ -4,10 +4,10 @@ use glam::Vec3;
 use nearfield::curve::MAX_LEVEL;
 use nearfield::{Aabb, Curve, Domain};
 
-use crate::neighbors_picture::short;
 use crate::options::PictureSize;
 use crate::picture::{self, Bar, Image, Path, Scale, Scene, Square, Up};
 use crate::report::grouped;
+use crate::report::{DIGITS, short};
 
 /// Most points that get numbers, as in the poster (Ajmera2008).
 const NUMBERED: usize = 500;
@@ -43,7 +43,7 @@ pub(crate) fn draw(sorted: &Sorted<'_>, size: PictureSize) -> Image {
     let colors: Vec<[u8; 3]> = places.iter().map(|&place| scale.color(place)).collect();
     let extent = Aabb::of_points(sorted.points).extent();
     let title = format!("{}: {} points along the {} curve", sorted.name, grouped(n as u64), sorted.curve);
-    let jumps = sorted.jumps.map(|jump| short(jump as f32));
+    let jumps = sorted.jumps.map(|jump| short(jump as f32, DIGITS));
     let mut scene = Scene {
         swatches: Vec::new(),
         points: sorted.points,

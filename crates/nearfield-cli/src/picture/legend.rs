@@ -2,6 +2,7 @@
 
 use super::{Image, Scene, text};
 use crate::colormap::viridis;
+use crate::report::short;
 
 const INK: [u8; 3] = [228, 232, 238];
 const FAINT: [u8; 3] = [150, 158, 170];
@@ -38,6 +39,8 @@ pub(crate) struct Scale {
     clipped: [bool; 2],
     /// Whether equal ratios rather than equal differences look equally far apart.
     logarithmic: bool,
+    /// Whether values are whole numbers from 0 on, and not positive lengths.
+    whole: bool,
 }
 
 /// Part of the values at each end that shares the colour of the end.
@@ -51,7 +54,7 @@ impl Scale {
         let mut sorted = values.to_vec();
         sorted.sort_unstable();
         let (Some(&min), Some(&max)) = (sorted.first(), sorted.last()) else {
-            return Self { low: 0.0, high: 0.0, clipped: [false; 2], logarithmic: false };
+            return Self { low: 0.0, high: 0.0, clipped: [false; 2], logarithmic: false, whole: true };
         };
         let tail = (sorted.len() as f64 * TAIL) as usize;
         let (mut low, mut high) = (sorted[tail], sorted[sorted.len() - 1 - tail]);
@@ -61,26 +64,52 @@ impl Scale {
         }
         let middle = sorted[sorted.len() / 2];
         let logarithmic = ((middle - low) as f32) < SKEWED * (high - low) as f32;
-        Self { low: low as f32, high: high as f32, clipped: [min < low, max > high], logarithmic }
+        Self { low: low as f32, high: high as f32, clipped: [min < low, max > high], logarithmic, whole: true }
     }
 
-    /// Colour of a value.
+    /// As [`Scale::of`], over lengths; infinite ones do not count.
+    pub(crate) fn of_lengths(values: &[f32]) -> Self {
+        let mut sorted: Vec<f32> = values.iter().copied().filter(|value| value.is_finite()).collect();
+        sorted.sort_unstable_by(f32::total_cmp);
+        let (Some(&min), Some(&max)) = (sorted.first(), sorted.last()) else {
+            return Self { low: 0.0, high: 0.0, clipped: [false; 2], logarithmic: false, whole: false };
+        };
+        let tail = (sorted.len() as f64 * TAIL) as usize;
+        let (mut low, mut high) = (sorted[tail], sorted[sorted.len() - 1 - tail]);
+        if high - low > 0.8 * (max - min) || low == high {
+            (low, high) = (min, max);
+        }
+        let middle = sorted[sorted.len() / 2];
+        let logarithmic = low > 0.0 && middle - low < SKEWED * (high - low);
+        Self { low, high, clipped: [min < low, max > high], logarithmic, whole: false }
+    }
+
+    /// Colour of a number.
     pub(crate) fn color(&self, value: u32) -> [u8; 3] {
-        scale_color(if self.high > self.low { self.place(value as f32) } else { 0.5 })
+        self.color_of(value as f32)
+    }
+
+    /// Colour of a length.
+    pub(crate) fn color_of(&self, value: f32) -> [u8; 3] {
+        scale_color(if self.high > self.low { self.place(value) } else { 0.5 })
+    }
+
+    /// What is added before the logarithm: one, so that the count 0 has one; lengths are positive.
+    fn shift(&self) -> f32 {
+        if self.whole { 1.0 } else { 0.0 }
     }
 
     /// Where a value stands on the bar, 0 … 1 for the range.
     fn place(&self, value: f32) -> f32 {
-        // One more, so that the count 0 has a logarithm.
-        let level = |v: f32| if self.logarithmic { (v.max(self.low) + 1.0).ln() } else { v };
+        let level = |v: f32| if self.logarithmic { (v.max(self.low) + self.shift()).ln() } else { v };
         (level(value) - level(self.low)) / (level(self.high) - level(self.low))
     }
 
     /// The value at a place of the bar.
     fn value(&self, place: f32) -> f32 {
         if self.logarithmic {
-            let ratio = (self.high + 1.0) / (self.low + 1.0);
-            return (self.low + 1.0) * ratio.powf(place) - 1.0;
+            let ratio = (self.high + self.shift()) / (self.low + self.shift());
+            return (self.low + self.shift()) * ratio.powf(place) - self.shift();
         }
         self.low + place * (self.high - self.low)
     }
@@ -143,11 +172,13 @@ fn draw_bar(image: &mut Image, bar: &Bar) {
 /// Places on the bar, 0 … 1, and what to write there.
 fn ticks(scale: &Scale) -> Vec<(f32, String)> {
     let range = scale.high - scale.low;
+    let written = |value: f32| if scale.whole { value.to_string() } else { short(value, 3) };
     if range <= 0.0 {
-        return vec![(0.5, format!("{}", scale.low))];
+        return vec![(0.5, written(scale.low))];
     }
-    let steps = if range < 4.0 { range as usize } else { 4 };
-    let mut values: Vec<f32> = (0..=steps).map(|i| scale.value(i as f32 / steps as f32).round()).collect();
+    let steps = if scale.whole && range < 4.0 { range as usize } else { 4 };
+    let value = |i: usize| scale.value(i as f32 / steps as f32);
+    let mut values: Vec<f32> = (0..=steps).map(|i| if scale.whole { value(i).round() } else { value(i) }).collect();
     values.dedup();
     let last = values.len() - 1;
     let tick = |(i, &value): (usize, &f32)| {
@@ -156,7 +187,7 @@ fn ticks(scale: &Scale) -> Vec<(f32, String)> {
             i if i == last && scale.clipped[1] => ">=",
             _ => "",
         };
-        (scale.place(value), format!("{mark}{value}"))
+        (scale.place(value), format!("{mark}{}", written(value)))
     };
     values.iter().enumerate().map(tick).collect()
 }
@@ -170,7 +201,7 @@ mod tests {
         let mut values: Vec<u32> = (0..1000).map(|i| 10 + i % 20).collect();
         values.push(100_000);
         let scale = Scale::of(&values);
-        assert_eq!(scale, Scale { low: 10.0, high: 29.0, clipped: [false, true], logarithmic: false });
+        assert_eq!(scale, Scale { low: 10.0, high: 29.0, clipped: [false, true], logarithmic: false, whole: true });
         assert_eq!(ticks(&scale).last().unwrap().1, ">=29");
         assert_eq!(scale.color(100_000), scale.color(29));
     }
@@ -192,6 +223,19 @@ mod tests {
         for ((t, label), (place, value)) in labels.iter().zip(expected) {
             assert!((t - place).abs() < 1e-3 && *label == value.to_string(), "{labels:?}");
         }
+    }
+
+    #[test]
+    fn lengths_have_ticks_between_whole_numbers_and_leave_out_infinite_ones() {
+        let labels = |values: &[f32]| -> Vec<String> {
+            ticks(&Scale::of_lengths(values)).into_iter().map(|tick| tick.1).collect()
+        };
+        assert_eq!(labels(&[0.5, f32::INFINITY, 0.25, 0.75]), ["0.25", "0.375", "0.5", "0.625", "0.75"]);
+        assert_eq!(labels(&[0.125; 7]), ["0.125"]);
+        assert_eq!(labels(&[f32::INFINITY]), ["0"]);
+        // Most of them near 0.01 and some at 1: equal ratios, equal steps.
+        let skewed: Vec<f32> = (0..100).map(|i| if i < 90 { 0.01 } else { 1.0 }).collect();
+        assert_eq!(labels(&skewed), ["0.01", "0.0316", "0.1", "0.316", "1"]);
     }
 
     #[test]

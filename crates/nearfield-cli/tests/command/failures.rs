@@ -36,6 +36,16 @@ fn wrong_commands_exit_with_2() {
         ("neighbors four.xyz -r 1 --queries four.xyz --exclude-self", "--exclude-self"),
         ("neighbors four.xyz -r 1 --json --output -", "standard output"),
         ("neighbors - -r 1", "--format"),
+        ("neighbors four.xyz --knn 0", "--knn"),
+        ("neighbors four.xyz --knn -3", "-3"),
+        ("neighbors four.xyz --knn many", "many"),
+        ("neighbors four.xyz --knn 3 --radius -1", "radius"),
+        ("neighbors four.xyz --knn 3 --max-neighbors 2", "--max-neighbors"),
+        ("neighbors four.xyz --knn 3 --structure uniform-grid", "linear-octree"),
+        ("neighbors four.xyz --knn 3 --picture p.png --color cell", "--radius"),
+        ("neighbors four.xyz -r 1 --picture p.png --color distance", "--knn"),
+        ("neighbors four.xyz -r 1 --radii radii.txt", "--radii"),
+        ("neighbors - --format xyz --radii -", "standard input"),
         ("octree four.xyz --curve peano", "hilbert"),
         ("octree four.xyz --parts 0", "1..=1048576"),
         ("octree four.xyz --max-depth 22", "0..=21"),
@@ -67,6 +77,7 @@ fn missing_and_unreadable_input_exits_with_66() {
     folder.fails("neighbors nowhere.ply -r 1", 66, "nowhere.ply");
     folder.fails("info nowhere", 66, "nowhere");
     folder.fails("neighbors four.xyz -r 1 --queries nowhere.xyz", 66, "nowhere.xyz");
+    folder.fails("neighbors four.xyz --radii nowhere.txt", 66, "nowhere.txt");
     fs::create_dir(folder.path("folder.ply")).unwrap();
     folder.fails("info folder.ply", 66, "folder.ply");
 }
@@ -89,6 +100,25 @@ fn bad_files_exit_with_65_and_say_where() {
         folder.fails(verb, 65, told);
     }
     assert!(!folder.path("out.ply").exists());
+}
+
+#[test]
+fn bad_radii_exit_with_65_and_say_which() {
+    let folder = with_four("radii");
+    for (name, content, told) in [
+        ("short.txt", &b"1\n2\n3\n"[..], "3 elements, expected 4"),
+        ("long.txt", b"1\n2\n3\n4\n5\n", "5 elements, expected 4"),
+        ("empty.txt", b"", "0 elements, expected 4"),
+        ("negative.txt", b"1\n2\n-0.5\n4\n", "negative.txt:3"),
+        ("nan.txt", b"# of each\n1\nnan\n2\n3\n", "nan.txt:3"),
+        ("word.txt", b"1\n2\nwide\n4\n", "word.txt:3"),
+        ("two.txt", b"1 2\n3 4\n", "two.txt:1"),
+        ("cut.npy", b"\x93NUMPY\x01\x00", "cut.npy"),
+    ] {
+        fs::write(folder.path(name), content).unwrap();
+        folder.fails(&format!("neighbors four.xyz --radii {name} --device cpu"), 65, told);
+        folder.fails(&format!("neighbors four.xyz --knn 2 --radii {name} --device cpu"), 65, told);
+    }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The built command as a user runs it: every subcommand, its files, its JSON and its exit codes.
 
 mod failures;
+mod nearest;
 mod neighbors;
 mod octree;
 mod sort;

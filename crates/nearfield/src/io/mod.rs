@@ -17,6 +17,7 @@ mod obj;
 mod open;
 mod pcd;
 mod ply;
+mod radii;
 mod save;
 mod stl;
 #[cfg(test)]
@@ -28,6 +29,7 @@ mod xyz;
 pub use format::{FORMATS, Format, FormatInfo};
 pub use npy::{NpyArray, write_npz};
 pub use open::{parse_cloud, parse_mesh, read_cloud, read_mesh};
+pub use radii::parse_radii;
 pub use save::{WriteOptions, WriteSeek, write_atomically, write_cloud, write_mesh};
 
 use glam::DVec3;

@@ -1,61 +1,17 @@
 //! A structure and a device chosen by words, for programs that let their users choose.
 
-use std::str::FromStr;
 use std::sync::OnceLock;
 
 use glam::Vec3;
 
-use super::{Counts, FixedRadius, Nearest, NeighborSearch, Neighbors, Stage};
-use crate::geometry::Period;
+use super::choose::{self, Purpose, StructureChoice};
+use super::{Counts, FixedRadius, Knn, KnnSearch, Nearest, NearestNeighbors, NeighborSearch, Neighbors, Report, Stage};
+use crate::geometry::{Period, validate};
 use crate::gpu::{AdapterKind, DeviceChoice, Gpu};
 use crate::structure::{
     BruteForce, GpuBruteForce, GpuLinearOctree, GpuUniformGrid, GridSettings, LinearOctree, OctreeSettings, UniformGrid,
 };
 use crate::{Error, Result};
-
-/// Below this many pairs of query and point, testing all of them beats building anything.
-const BRUTE_FORCE_PAIRS: u64 = 1 << 20;
-
-/// Which structure to build.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum StructureChoice {
-    /// Brute force for a few thousand points, else the uniform grid.
-    #[default]
-    Auto,
-    /// [`BruteForce`].
-    BruteForce,
-    /// [`UniformGrid`].
-    UniformGrid,
-    /// [`LinearOctree`].
-    LinearOctree,
-}
-
-impl StructureChoice {
-    /// Every structure there is, without `Auto`.
-    pub const ALL: [Self; 3] = [Self::BruteForce, Self::UniformGrid, Self::LinearOctree];
-
-    /// The structure's name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::BruteForce => "brute-force",
-            Self::UniformGrid => "uniform-grid",
-            Self::LinearOctree => "linear-octree",
-        }
-    }
-}
-
-impl FromStr for StructureChoice {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        std::iter::once(Self::Auto).chain(Self::ALL).find(|c| c.name() == text).ok_or_else(|| Error::InvalidSetting {
-            setting: "structure",
-            found: text.into(),
-            expected: "auto, brute-force, uniform-grid or linear-octree",
-        })
-    }
-}
 
 /// What to build and where.
 #[derive(Debug, Clone, Default)]
@@ -68,31 +24,75 @@ pub struct IndexSettings {
     pub period: Period,
 }
 
+/// What an index holds: a structure with the searches it has.
+trait Structure: NeighborSearch + Send {
+    /// Its own search for the nearest points; `None` where it has none.
+    fn as_knn(&self) -> Option<&dyn KnnSearch>;
+}
+
+/// One line a structure: whether it has a search for the nearest points.
+macro_rules! structures {
+    ($($structure:ty: $as_knn:expr;)*) => {$(
+        impl Structure for $structure {
+            fn as_knn(&self) -> Option<&dyn KnnSearch> {
+                let as_knn: fn(&$structure) -> Option<&dyn KnnSearch> = $as_knn;
+                as_knn(self)
+            }
+        }
+    )*};
+}
+
+structures! {
+    BruteForce: |structure| Some(structure);
+    GpuBruteForce: |structure| Some(structure);
+    UniformGrid: |_| None;
+    GpuUniformGrid: |_| None;
+    LinearOctree: |structure| Some(structure);
+    GpuLinearOctree: |structure| Some(structure);
+}
+
 /// A structure on a device, ready for questions.
+///
+/// All structures answer questions with a radius. The nearest points without one are found by those for which
+/// [`StructureChoice::finds_nearest`] holds; others answer [`Knn`] with a radius by lists that are cut.
 pub struct Index {
-    search: Box<dyn NeighborSearch + Send>,
+    search: Box<dyn Structure>,
+    /// Why this structure, where it was chosen.
+    reason: Option<String>,
     notes: Vec<String>,
     substitute: Option<Substitute>,
+}
+
+/// What to build, chosen.
+#[derive(Debug, Clone, Copy)]
+struct Plan {
+    structure: StructureChoice,
+    /// The radius that cells are made for; 0 for cells by density.
+    radius: f32,
+    period: Period,
 }
 
 /// What the CPU needs to take over from a GPU that fails at a question.
 struct Substitute {
     points: Vec<Vec3>,
-    structure: StructureChoice,
-    period: Period,
-    built: OnceLock<Box<dyn NeighborSearch + Send>>,
+    plan: Plan,
+    built: OnceLock<Box<dyn Structure>>,
 }
 
 impl Index {
-    /// Builds what `settings` say over `points`, for questions like `question`.
+    /// Builds what `settings` say over `points`, for questions like `purpose`: a `&FixedRadius` or a `&Knn`.
+    ///
+    /// [`StructureChoice::Auto`] goes by the number of pairs, the radii, and how the points fill cells of the largest
+    /// radius, for which it passes over the points once; [`Index::reason`] gives the figures.
     ///
     /// Only `DeviceChoice::Auto` falls back to the CPU: where no hardware GPU is found, or the GPU fails at the build
     /// or at a question (for which the index keeps a copy of the points); the notes say so, those of the reports too.
     ///
     /// # Errors
-    /// As the builds: `NonFinite`, `CoordinateTooLarge`, `TooMany`, `InvalidSetting`; `NoDevice`;
+    /// As the builds: `NonFinite`, `CoordinateTooLarge`, `TooMany`, `InvalidSetting`; `NoDevice`; `Unsupported` where
+    /// the nearest without a radius are asked of a structure that does not find them;
     /// `OutOfDeviceMemory` and other device errors unless the device is `Auto`.
-    pub fn build(points: &[Vec3], question: &FixedRadius<'_>, settings: &IndexSettings) -> Result<Self> {
+    pub fn build<'q>(points: &[Vec3], purpose: impl Into<Purpose<'q>>, settings: &IndexSettings) -> Result<Self> {
         let mut notes = Vec::new();
         let gpu = match Gpu::open(&settings.device) {
             Ok(gpu) => gpu,
@@ -102,7 +102,7 @@ impl Index {
             }
             Err(error) => return Err(error),
         };
-        Self::assemble(gpu.as_ref(), points, question, settings, notes)
+        Self::assemble(gpu.as_ref(), points, &purpose.into(), settings, notes)
     }
 
     /// As [`Index::build`], on a GPU that is open already: of the device in `settings` only counts whether it is
@@ -110,69 +110,78 @@ impl Index {
     ///
     /// # Errors
     /// As [`Index::build`].
-    pub fn build_on(gpu: &Gpu, points: &[Vec3], question: &FixedRadius<'_>, settings: &IndexSettings) -> Result<Self> {
-        Self::assemble(Some(gpu), points, question, settings, Vec::new())
+    pub fn build_on<'q>(
+        gpu: &Gpu,
+        points: &[Vec3],
+        purpose: impl Into<Purpose<'q>>,
+        settings: &IndexSettings,
+    ) -> Result<Self> {
+        Self::assemble(Some(gpu), points, &purpose.into(), settings, Vec::new())
     }
 
     fn assemble(
         gpu: Option<&Gpu>,
         points: &[Vec3],
-        question: &FixedRadius<'_>,
+        purpose: &Purpose<'_>,
         settings: &IndexSettings,
         mut notes: Vec<String>,
     ) -> Result<Self> {
         let (auto, period) = (settings.device == DeviceChoice::Auto, settings.period);
-        let structure = match settings.structure {
+        let radius = purpose.largest_radius();
+        let (structure, reason) = match settings.structure {
             StructureChoice::Auto => {
-                let pairs = points.len() as u64 * question.len(points.len()) as u64;
-                if pairs <= BRUTE_FORCE_PAIRS { StructureChoice::BruteForce } else { StructureChoice::UniformGrid }
+                validate::points(points)?;
+                let (structure, reason) = choose::choose(points, purpose, &period);
+                (structure, Some(reason))
             }
-            chosen => chosen,
+            chosen => (chosen, None),
         };
+        if radius.is_none() && !structure.finds_nearest() {
+            return Err(choose::no_radius(structure.name()));
+        }
+        let plan = Plan { structure, radius: radius.unwrap_or(0.0), period };
         if let Some(gpu) = gpu {
             if gpu.kind() == AdapterKind::Software {
                 notes.push(format!("{} is a software renderer: the CPU in disguise, and slower", gpu.name()));
             }
-            match Self::on_gpu(gpu, points, question, structure, period) {
+            match Self::on_gpu(gpu, points, &plan) {
                 Ok(search) => {
-                    let copy = || Substitute { points: points.to_vec(), structure, period, built: OnceLock::new() };
-                    return Ok(Self { search, notes, substitute: auto.then(copy) });
+                    let copy = || Substitute { points: points.to_vec(), plan, built: OnceLock::new() };
+                    return Ok(Self { search, reason, notes, substitute: auto.then(copy) });
                 }
                 Err(error) if auto && error.is_device_fault() => notes.push(taken_over(gpu.name(), &error)),
                 Err(error) => return Err(error),
             }
         }
-        Ok(Self { search: Self::on_cpu(points, question, structure, period)?, notes, substitute: None })
+        Ok(Self { search: Self::on_cpu(points, &plan)?, reason, notes, substitute: None })
     }
 
-    /// Asks the structure, or the CPU where the GPU fails and the CPU may take over. Also returns the notes of the
-    /// answer's report.
+    /// Asks the structure, or the CPU where the GPU fails and the CPU may take over; the answer's report, which
+    /// `report_of` finds, gets the notes and the reason.
     fn ask<T>(
         &self,
-        question: &FixedRadius<'_>,
-        ask: impl Fn(&dyn NeighborSearch) -> Result<T>,
-    ) -> Result<(T, Vec<String>)> {
+        ask: impl Fn(&dyn Structure) -> Result<T>,
+        report_of: impl Fn(&mut T) -> &mut Report,
+    ) -> Result<T> {
         let mut notes = self.notes.clone();
-        match (ask(self.search.as_ref()), &self.substitute) {
+        let mut answer = match (ask(self.search.as_ref()), &self.substitute) {
             (Err(error), Some(substitute)) if error.is_device_fault() => {
                 notes.push(taken_over(&self.search.device(), &error));
-                Ok((ask(substitute.search(question)?)?, notes))
+                ask(substitute.search()?)?
             }
-            (answer, _) => Ok((answer?, notes)),
-        }
+            (answer, _) => answer?,
+        };
+        let report = report_of(&mut answer);
+        report.notes.extend(notes);
+        report.reason = self.reason.clone();
+        Ok(answer)
     }
 
-    fn on_cpu(
-        points: &[Vec3],
-        question: &FixedRadius<'_>,
-        structure: StructureChoice,
-        period: Period,
-    ) -> Result<Box<dyn NeighborSearch + Send>> {
+    fn on_cpu(points: &[Vec3], &Plan { structure, radius, period }: &Plan) -> Result<Box<dyn Structure>> {
         Ok(match structure {
             StructureChoice::BruteForce => Box::new(BruteForce::build_periodic(points, period)?),
             StructureChoice::UniformGrid | StructureChoice::Auto => {
-                let settings = GridSettings::for_radius(question.largest_radius()).periodic(period);
-                Box::new(UniformGrid::build(points, &settings)?)
+                Box::new(UniformGrid::build(points, &GridSettings::for_radius(radius).periodic(period))?)
             }
             StructureChoice::LinearOctree => {
                 Box::new(LinearOctree::build(points, &OctreeSettings::default().periodic(period))?)
@@ -180,18 +189,11 @@ impl Index {
         })
     }
 
-    fn on_gpu(
-        gpu: &Gpu,
-        points: &[Vec3],
-        question: &FixedRadius<'_>,
-        structure: StructureChoice,
-        period: Period,
-    ) -> Result<Box<dyn NeighborSearch + Send>> {
+    fn on_gpu(gpu: &Gpu, points: &[Vec3], &Plan { structure, radius, period }: &Plan) -> Result<Box<dyn Structure>> {
         Ok(match structure {
             StructureChoice::BruteForce => Box::new(GpuBruteForce::build_periodic(gpu, points, period)?),
             StructureChoice::UniformGrid | StructureChoice::Auto => {
-                let settings = GridSettings::for_radius(question.largest_radius()).periodic(period);
-                Box::new(GpuUniformGrid::build(gpu, points, &settings)?)
+                Box::new(GpuUniformGrid::build(gpu, points, &GridSettings::for_radius(radius).periodic(period))?)
             }
             StructureChoice::LinearOctree => {
                 Box::new(GpuLinearOctree::build(gpu, points, &OctreeSettings::default().periodic(period))?)
@@ -199,17 +201,23 @@ impl Index {
         })
     }
 
-    /// What a user should know about the choice: a fallback, a software adapter.
+    /// What a user should know about the device: a fallback, a software adapter.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    /// Why this structure was chosen, in one sentence with the figures that decided; `None` where it was named. Reports
+    /// of answers have it too.
+    pub fn reason(&self) -> Option<&str> {
+        self.reason.as_deref()
     }
 }
 
 impl Substitute {
     /// The structure on the CPU, built at the first use.
-    fn search(&self, question: &FixedRadius<'_>) -> Result<&dyn NeighborSearch> {
+    fn search(&self) -> Result<&dyn Structure> {
         if self.built.get().is_none() {
-            let built = Index::on_cpu(&self.points, question, self.structure, self.period)?;
+            let built = Index::on_cpu(&self.points, &self.plan)?;
             // Where two threads come here at once, the structure of the first one stays.
             let _ = self.built.set(built);
         }
@@ -244,20 +252,29 @@ impl NeighborSearch for Index {
     }
 
     fn count(&self, question: &FixedRadius<'_>) -> Result<Counts> {
-        let (mut counts, notes) = self.ask(question, |search| search.count(question))?;
-        counts.report.notes.extend(notes);
-        Ok(counts)
+        self.ask(|search| search.count(question), |counts| &mut counts.report)
     }
 
     fn list(&self, question: &FixedRadius<'_>) -> Result<Neighbors> {
-        let (mut neighbors, notes) = self.ask(question, |search| search.list(question))?;
-        neighbors.report.notes.extend(notes);
-        Ok(neighbors)
+        self.ask(|search| search.list(question), |neighbors| &mut neighbors.report)
     }
 
     fn nearest(&self, question: &FixedRadius<'_>) -> Result<Nearest> {
-        let (mut nearest, notes) = self.ask(question, |search| search.nearest(question))?;
-        nearest.report.notes.extend(notes);
-        Ok(nearest)
+        self.ask(|search| search.nearest(question), |nearest| &mut nearest.report)
+    }
+}
+
+impl KnnSearch for Index {
+    fn knn(&self, question: &Knn<'_>) -> Result<NearestNeighbors> {
+        let ask = |search: &dyn Structure| match search.as_knn() {
+            Some(search) => search.knn(question),
+            None if question.radius.is_none() => Err(choose::no_radius(search.structure())),
+            None => {
+                question.validate(search.len())?;
+                let list = search.list(&question.as_fixed_radius())?;
+                Ok(NearestNeighbors::of_list(list, question.k as usize))
+            }
+        };
+        self.ask(ask, |nearest| &mut nearest.report)
     }
 }

@@ -1,11 +1,13 @@
-//! Questions to a structure and their answers: all neighbours within a radius, how many, the nearest one; the k nearest
-//! without a radius; the points in a box.
+//! Questions to a structure and their answers: all neighbours within a radius, how many, the nearest one; the k nearest,
+//! however far or within a radius; the points in a box.
 //!
 //! [`FixedRadius`] is the first question, [`NeighborSearch`] what every structure on every device answers, and
 //! [`Neighbors`], [`Counts`], [`Nearest`] the answers. [`Knn`] and [`Boxes`] are asked of structures with [`KnnSearch`]
 //! and [`BoxSearch`]. Each answer carries a [`Report`] of what really ran.
 
 mod boxes;
+#[cfg(feature = "gpu")]
+mod choose;
 mod cpu;
 mod fixed_radius;
 #[cfg(feature = "gpu")]
@@ -14,20 +16,24 @@ mod gpu;
 mod index;
 mod knn;
 mod neighbors;
+#[cfg(feature = "gpu")]
+mod occupancy;
 mod report;
 mod rows;
 mod search;
 
 pub use boxes::{BoxSearch, Boxes};
+#[cfg(feature = "gpu")]
+pub use choose::{Purpose, StructureChoice};
 pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
-pub use gpu::Batch;
+pub use gpu::{Batch, KnnBatch};
 #[cfg(feature = "gpu")]
 pub use gpu::{ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
 #[cfg(feature = "gpu")]
-pub use index::{Index, IndexSettings, StructureChoice};
+pub use index::{Index, IndexSettings};
 pub use knn::{Knn, KnnSearch, NearestNeighbors};
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
 pub use report::{Clock, Report, Stage};

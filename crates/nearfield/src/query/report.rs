@@ -19,6 +19,8 @@ pub struct Report {
     pub batches: u32,
     /// What a user should know: a fallback, a software adapter.
     pub notes: Vec<String>,
+    /// Why this structure, where an index chose it; `None` where the caller did.
+    pub reason: Option<String>,
 }
 
 /// Time of one stage.

@@ -66,10 +66,15 @@ fn refused_nearest(subject: &Subject) -> Verdict {
     let built = subject.build(&plan(&points, 0.5)).map_err(in_words)?;
     let bad = [Vec3::ZERO, Vec3::new(0.0, f32::NAN, 0.0)];
     let far = [Vec3::ZERO, Vec3::ZERO, Vec3::splat(2e18)];
-    let refused: [(Knn<'_>, fn(&Error) -> bool); 5] = [
+    let mut radii = [0.5; 100];
+    radii[7] = -1.0;
+    let refused: [(Knn<'_>, fn(&Error) -> bool); 8] = [
         (Knn::new(3).queries(&bad), |e| matches!(e, Error::NonFinite { what: "queries", count: 1, first: 1 })),
         (Knn::new(3).queries(&far), |e| matches!(e, Error::CoordinateTooLarge { index: 2, axis: 'x', .. })),
         (Knn::new(3).queries(&points).exclude_self(), |e| matches!(e, Error::InvalidSetting { .. })),
+        (Knn::new(3).within(f32::NAN), |e| matches!(e, Error::InvalidRadius { index: None, .. })),
+        (Knn::new(3).within_each(&radii), |e| matches!(e, Error::InvalidRadius { index: Some(7), .. })),
+        (Knn::new(3).within_each(&radii[..3]), |e| matches!(e, Error::LengthMismatch { found: 3, expected: 100, .. })),
         (Knn::new(3).max_bytes(2399), |e| matches!(e, Error::OutOfMemory { needed: 2400, available: 2399, .. })),
         (Knn::new(u32::MAX).max_bytes(1 << 30), |e| matches!(e, Error::OutOfMemory { needed: 3_435_973_836_000, .. })),
     ];

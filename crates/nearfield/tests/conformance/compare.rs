@@ -268,17 +268,17 @@ pub(crate) struct NearestRows<'a> {
     pub(crate) distances: &'a [f32],
 }
 
-/// Checks the k nearest points, where `problem` reaches every point: the places that must be empty, and all others as a
+/// Checks the k nearest points within the radii of `problem`: empty places stand at the end of a row, and all others are a
 /// list with a cap of k.
 pub(crate) fn knn(problem: &Problem<'_>, exclude_self: bool, rows: &NearestRows<'_>, rule: Rule) -> Verdict {
     let (k, n_queries) = (rows.k, problem.queries.len());
     let (indices, distances) = (rows.indices.len(), rows.distances.len());
     let expected = n_queries * k;
     ensure!(indices == expected && distances == expected, "{indices} and {distances} places of {n_queries} × {k}");
-    let all = problem.points.len().saturating_sub(usize::from(exclude_self));
-    let found = k.min(all);
     let (mut offsets, mut kept_indices, mut kept_distances) = (vec![0], vec![], vec![]);
     for start in (0..n_queries).map(|query| query * k) {
+        let is_none = |&index: &u32| index == NearestNeighbors::NONE;
+        let found = rows.indices[start..start + k].iter().position(is_none).unwrap_or(k);
         let empty = rows.indices[start + found..start + k].iter().zip(&rows.distances[start + found..start + k]);
         for (&index, &distance) in empty {
             let is_empty = index == NearestNeighbors::NONE && distance == f32::INFINITY;
@@ -288,9 +288,13 @@ pub(crate) fn knn(problem: &Problem<'_>, exclude_self: bool, rows: &NearestRows<
         kept_distances.extend_from_slice(&rows.distances[start..start + found]);
         offsets.push(kept_indices.len() as u64);
     }
-    let missing = (all - found) as u32;
-    let cut: Vec<CutRow> =
-        (0..n_queries as u32).filter(|_| missing > 0).map(|query| CutRow { query, missing }).collect();
+    // What a full row leaves out, which the answer does not say.
+    let cut_of = |row: &Row| {
+        let is_full = offsets[row.query as usize + 1] - offsets[row.query as usize] == k as u64;
+        let missing = problem.row(row, exclude_self).len().saturating_sub(k) as u32;
+        (is_full && missing > 0).then_some(CutRow { query: row.query, missing })
+    };
+    let cut: Vec<CutRow> = problem.truth.iter().filter_map(cut_of).collect();
     let question = FixedRadius {
         exclude_self,
         max_neighbors: Some(k as u32),

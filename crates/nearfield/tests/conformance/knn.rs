@@ -1,28 +1,37 @@
-//! The k nearest points of every case: k around the capacities of leaves, without any, and more than there are.
+//! The k nearest points of every case: k around the capacities of leaves, without any, and more than there are; with and
+//! without a radius, which may be zero, lie exactly on distances, reach everything, or be one for each query.
 
 use nearfield::{Knn, NearestNeighbors};
 
 use crate::compare::{self, NearestRows, Verdict};
-use crate::questions::Solved;
+use crate::questions::{self, Reach, Solved, Who};
 use crate::subjects::{Asked, Built, Subject};
 
-/// Who asks, for how many, and whether without the point itself.
+/// Who asks, for how many, within what radius if any, and whether without the point itself.
 struct Question {
     own: bool,
     k: u32,
+    reach: Option<Reach>,
     exclude_self: bool,
 }
 
+impl Question {
+    const fn within(mut self, reach: Reach) -> Self {
+        self.reach = Some(reach);
+        self
+    }
+}
+
 const fn points(k: u32) -> Question {
-    Question { own: true, k, exclude_self: false }
+    Question { own: true, k, reach: None, exclude_self: false }
 }
 
 const fn points_without_self(k: u32) -> Question {
-    Question { own: true, k, exclude_self: true }
+    Question { own: true, k, reach: None, exclude_self: true }
 }
 
 const fn others(k: u32) -> Question {
-    Question { own: false, k, exclude_self: false }
+    Question { own: false, k, reach: None, exclude_self: false }
 }
 
 const QUESTIONS: &[Question] = &[
@@ -35,10 +44,27 @@ const QUESTIONS: &[Question] = &[
     points(32),
     points_without_self(32),
     points(33),
+    points(128),
     others(0),
     others(1),
     others(4),
     others(33),
+    points(0).within(Reach::Case),
+    points(1).within(Reach::Case),
+    points_without_self(1).within(Reach::Case),
+    points(7).within(Reach::Case),
+    points_without_self(33).within(Reach::Case),
+    points(128).within(Reach::Case),
+    points(3).within(Reach::Zero),
+    points_without_self(2).within(Reach::Zero),
+    points_without_self(5).within(Reach::All),
+    points(4).within(Reach::Each),
+    points_without_self(16).within(Reach::Each),
+    others(1).within(Reach::Case),
+    others(12).within(Reach::Case),
+    others(2).within(Reach::Zero),
+    others(3).within(Reach::All),
+    others(6).within(Reach::Each),
 ];
 
 /// Up to this many points, all and more than all of them are asked for, too.
@@ -50,19 +76,28 @@ pub(crate) fn ask_everything(subject: &Subject, built: &dyn Built, solved: &Solv
     let beyond = [points(2 * n as u32 + 3), points_without_self(n as u32), others(n as u32 + 1)];
     let beyond = beyond.iter().filter(|_| n <= MOST_POINTS_FOR_ALL);
     // One neighbour more or less than a leaf holds.
-    let is_asked = |question: &&Question| subject.asks_everything() || ![31, 33].contains(&question.k);
+    let is_asked = |question: &&Question| {
+        let is_too_much = question.reach == Some(Reach::All) && n > questions::MOST_POINTS_FOR_ALL;
+        !is_too_much && (subject.asks_everything() || ![31, 33].contains(&question.k))
+    };
     for question in QUESTIONS.iter().filter(is_asked).chain(beyond) {
-        let &Question { own, k, exclude_self } = question;
+        let &Question { own, k, reach, exclude_self } = question;
         put(subject, built, solved, question).map_err(|difference| {
-            format!("{k} nearest, of points {own}, self left out {exclude_self}: {difference}")
+            format!("{k} nearest within {reach:?}, of points {own}, self left out {exclude_self}: {difference}")
         })?;
     }
     Ok(())
 }
 
 fn put(subject: &Subject, built: &dyn Built, solved: &Solved<'_>, ask: &Question) -> Verdict {
-    let problem = solved.everywhere(ask.own);
+    let who = if ask.own { Who::Points } else { Who::Others };
+    let problem = ask.reach.map_or_else(|| solved.everywhere(ask.own), |reach| solved.problem(who, reach));
     let mut question = Knn::new(ask.k);
+    match ask.reach {
+        None => {}
+        Some(Reach::Each) => question = question.within_each(&problem.radii),
+        Some(_) => question = question.within(problem.radii.first().copied().unwrap_or(0.0)),
+    }
     if !ask.own {
         question = question.queries(problem.queries);
     }

@@ -261,7 +261,35 @@ fn check_knn(rule: Rule) -> Verdict {
         change(&mut rows);
         must_fail(check(7, true, &rows))?;
     }
-    must_fail(check(2, true, &two))
+    must_fail(check(2, true, &two))?;
+    check_knn_within(rule)
+}
+
+/// Three nearest within 2: rows that the radius ends, that k ends, and one that is alone.
+fn check_knn_within(rule: Rule) -> Verdict {
+    let points = line();
+    let within_two = problem(&points);
+    let check = |(indices, distances): &(Vec<u32>, Vec<f32>)| {
+        compare::knn(&within_two, true, &NearestRows { k: 3, indices, distances }, rule)
+    };
+    let right: [&[u32]; 6] = [&[1, 2, 3], &[0, 2, 3], &[3, 1, 4], &[2, 1, 4], &[2, 3, 1], &[]];
+    check(&nearest_rows(right, 3))?;
+    let wrong: [(usize, &[u32]); 6] = [
+        (5, &[4]),       // beyond the radius
+        (2, &[3, 1]),    // one is missing
+        (4, &[2, 3, 0]), // one beyond the radius in place of a nearer one
+        (1, &[]),        // all are missing
+        (1, &[0, 2]),    // a row that ends too early
+        (3, &[2, 4, 1]), // a tie by the higher index
+    ];
+    for (query, row) in wrong {
+        let mut rows = right;
+        rows[query] = row;
+        must_fail(check(&nearest_rows(rows, 3))).map_err(|e| format!("{query} {row:?}: {e}"))?;
+    }
+    let mut gap = nearest_rows(right, 3);
+    (gap.0[16], gap.1[16]) = (4, 7.0);
+    must_fail(check(&gap))
 }
 
 fn check_boxes() -> Verdict {

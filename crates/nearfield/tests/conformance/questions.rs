@@ -13,14 +13,14 @@ use crate::{boxes, knn};
 
 /// Who asks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Who {
+pub(crate) enum Who {
     Points,
     Others,
 }
 
 /// How far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Reach {
+pub(crate) enum Reach {
     /// The case's radius.
     Case,
     /// Exact duplicates.
@@ -131,7 +131,7 @@ const QUESTIONS: &[Question] = &[
 ];
 
 /// Above this many points, questions that reach everything are left out: n² entries.
-const MOST_POINTS_FOR_ALL: usize = 1000;
+pub(crate) const MOST_POINTS_FOR_ALL: usize = 1000;
 
 /// Pairs of query and point whose distances are kept for questions without a radius.
 const MOST_PAIRS_EVERYWHERE: usize = 1_000_000;
@@ -151,7 +151,7 @@ impl<'a> Solved<'a> {
         Self { case, problems: Default::default(), everywhere: Default::default() }
     }
 
-    fn problem(&self, who: Who, reach: Reach) -> &Problem<'a> {
+    pub(crate) fn problem(&self, who: Who, reach: Reach) -> &Problem<'a> {
         self.problems[(who as usize) * 4 + reach as usize].get_or_init(|| {
             let queries = match who {
                 Who::Points => &self.case.points,

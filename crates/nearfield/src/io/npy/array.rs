@@ -2,7 +2,7 @@
 
 use npyz::{DType, NpyHeader, Order, TypeChar};
 
-use super::NPY;
+use super::{MAGIC, NPY};
 use crate::Result;
 use crate::error::{FileError, Place};
 use crate::io::columns::{MAX_COLUMNS, Scalar, Strided};
@@ -51,7 +51,7 @@ impl Layout {
         let error = |offset: usize, found: String, expected: &str| -> Result<Self> {
             Err(FileError::new(NPY, Place::Byte(at + offset as u64), found, expected).into())
         };
-        if !bytes.starts_with(b"\x93NUMPY") {
+        if !bytes.starts_with(MAGIC) {
             let start = bytes[..bytes.len().min(6)].escape_ascii();
             let found = if bytes.is_empty() { "an empty file".into() } else { format!("\"{start}\"") };
             return error(0, found, "\"\\x93NUMPY\"");

@@ -17,11 +17,13 @@ mod read;
 mod tests;
 mod write;
 
-pub(crate) use read::read;
+pub(crate) use read::{read, read_list};
 pub(crate) use write::write_cloud;
 pub use write::{NpyArray, write_npz};
 
 /// Name of the array format in errors.
-const NPY: &str = "NPY";
+pub(crate) const NPY: &str = "NPY";
+/// What an array starts with.
+pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
 /// Name of the archive format in errors.
 const NPZ: &str = "NPZ";

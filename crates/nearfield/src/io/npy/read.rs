@@ -21,6 +21,22 @@ pub(crate) fn read(bytes: &[u8]) -> Result<PointCloud> {
     if bytes.starts_with(b"PK") { read_npz(bytes) } else { read_npy(bytes) }
 }
 
+/// The numbers of an NPY array with one axis, or one column.
+///
+/// # Errors
+/// `File` where it is no such array.
+pub(crate) fn read_list(bytes: &[u8]) -> Result<Vec<f64>> {
+    let layout = Layout::read(bytes, 0)?;
+    if !matches!(layout.shape[..], [_] | [_, 1]) {
+        let found = format!("an array of shape {}", layout.shape_text());
+        return Err(FileError::new(NPY, Place::Whole, found, "shape (n,)").into());
+    }
+    let array = layout.array(bytes, 0)?;
+    let mut values = vec![0.0; array.rows()];
+    array.column(0).for_each(|i, value| values[i] = value);
+    Ok(values)
+}
+
 fn read_npy(bytes: &[u8]) -> Result<PointCloud> {
     let layout = Layout::read(bytes, 0)?;
     check_cloud_shape(NPY, Place::Whole, "an array", &layout)?;

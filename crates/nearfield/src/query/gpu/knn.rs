@@ -2,25 +2,48 @@
 
 use std::time::Instant;
 
+use bytemuck::{Pod, Zeroable};
+
 use super::answers::{add_stages, in_batches};
 use super::visit::QueryBuffers;
 use super::{list, loops};
 use crate::gpu::{Access, Bind, Buffer, Kernel, StageTime, Workgroups};
-use crate::query::{FixedRadius, Knn, KnnSearch, NearestNeighbors, Queries, Report};
+use crate::query::{FixedRadius, Knn, KnnSearch, NearestNeighbors, Queries, Radius, Report};
 use crate::structure::{GpuBruteForce, GpuLinearOctree, GpuStructure};
 use crate::{Error, Result};
 
 /// Invocations of a workgroup of the kernel.
 const WORKGROUP: u32 = 64;
 
+/// `KnnBatch` in knn.wesl, byte for byte.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct KnnBatch {
+    /// Number of queries.
+    pub count: u32,
+    /// The caller's index that has slot 0.
+    pub first_id: u32,
+    /// 1 to leave out the query itself.
+    pub exclude_self: u32,
+    /// 1 where each query has its own radius.
+    pub own_radius: u32,
+    /// The radius where all have one.
+    pub radius: f32,
+    /// Places of a row, at least 1.
+    pub k: u32,
+    /// Unused.
+    pub padding: [u32; 2],
+}
+
 /// The nearest points of every query, on the device.
 #[derive(Debug)]
 pub struct GpuNearestNeighbors {
     /// Places of a row: `k`, or the number of points where there are fewer.
     pub places: usize,
-    /// `[q × places]` indices into the points as the caller gave them, nearest first, in query order.
+    /// `[q × places]` indices into the points as the caller gave them, nearest first, in query order;
+    /// [`NearestNeighbors::NONE`] where fewer points are within the radius.
     pub indices: Buffer<u32>,
-    /// `[q × places]` squared distances.
+    /// `[q × places]` squared distances; the largest f32 where there is no point.
     pub dist2: Buffer<f32>,
     /// What ran.
     pub report: Report,
@@ -41,7 +64,7 @@ impl GpuLinearOctree {
     /// # Errors
     /// As [`KnnSearch::knn`]; `OutOfDeviceMemory` with the size where the rows do not fit one binding.
     pub fn knn_on_device(&self, question: &Knn<'_>) -> Result<GpuNearestNeighbors> {
-        let within = question.within_everywhere();
+        let within = question.as_fixed_radius();
         within.validate(self.len())?;
         let places = question.places(self.len());
         check_loops(self, question, places)?;
@@ -56,7 +79,7 @@ impl KnnSearch for GpuLinearOctree {
     fn knn(&self, question: &Knn<'_>) -> Result<NearestNeighbors> {
         question.validate(self.len())?;
         let start = Instant::now();
-        let (within, places, k) = (question.within_everywhere(), question.places(self.len()), question.k as usize);
+        let (within, places, k) = (question.as_fixed_radius(), question.places(self.len()), question.k as usize);
         check_loops(self, question, places)?;
         let n_queries = within.len(self.len());
         let mut report = report(self);
@@ -66,7 +89,8 @@ impl KnnSearch for GpuLinearOctree {
             add_stages(report, &rows.times);
             let read = Instant::now();
             let (ids, dist2) = (self.gpu().read(&rows.ids)?, self.gpu().read(&rows.dist2)?);
-            made.append(ids, list::square_roots(dist2), queries.len());
+            let distances = distances(&ids, dist2);
+            made.append(ids, distances, queries.len());
             report.host_stage("read back", read);
             Ok(())
         })?;
@@ -78,7 +102,7 @@ impl KnnSearch for GpuLinearOctree {
 impl KnnSearch for GpuBruteForce {
     fn knn(&self, question: &Knn<'_>) -> Result<NearestNeighbors> {
         question.validate(self.len())?;
-        let list = list::list(self, &question.within_everywhere())?;
+        let list = list::list(self, &question.as_fixed_radius())?;
         Ok(NearestNeighbors::of_list(list, question.k as usize))
     }
 }
@@ -102,19 +126,32 @@ fn find(tree: &GpuLinearOctree, within: &FixedRadius<'_>, queries: &QueryBuffers
     let dist2 = gpu.buffer("nearest distances", n * places)?;
     let mut times = Vec::new();
     if n * places > 0 {
-        let parameters = [n as u32, queries.first_id(), u32::from(within.exclude_self), places as u32];
-        let parameters = gpu.uniform("nearest parameters", &parameters)?;
+        let (own_radius, radius) = match within.radius {
+            Radius::One(radius) => (0, radius),
+            Radius::Each(_) => (1, 0.0),
+        };
+        let batch = KnnBatch {
+            count: n as u32,
+            first_id: queries.first_id(),
+            exclude_self: u32::from(within.exclude_self),
+            own_radius,
+            radius,
+            k: places as u32,
+            padding: [0; 2],
+        };
+        let batch = gpu.uniform("nearest batch", &batch)?;
         let mut features = tree.features();
         features.push(("by_index", false));
         let kernel = Kernel {
             visitor_bindings: &[ReadWrite, ReadWrite],
             features: &features,
             constants: &[("WORKGROUP", f64::from(WORKGROUP))],
-            ..Kernel::new("package::query::knn", "find_nearest", &[Uniform, Read, Uniform, Read, Read], WORKGROUP)
+            ..Kernel::new("package::query::knn", "find_nearest", &[Uniform, Read, Read, Uniform, Read, Read], WORKGROUP)
         };
-        let binds: [Bind; 5] = [
-            (&parameters).into(),
+        let binds: [Bind; 6] = [
+            (&batch).into(),
             queries.points().into(),
+            queries.radii().into(),
             tree.layout().into(),
             tree.points().into(),
             tree.nodes().into(),
@@ -138,7 +175,8 @@ fn check_loops(tree: &GpuLinearOctree, question: &Knn<'_>, places: usize) -> Res
         Queries::Points => None,
         Queries::Other(queries) => Some(queries),
     };
-    let steps = tree.most_nearest_steps(queries, places, question.exclude_self)?;
+    let within = question.as_fixed_radius();
+    let steps = tree.most_nearest_steps(queries, places, question.exclude_self, |i| within.radius_of(i))?;
     if loops::of_knn(steps, places as u32) <= u64::from(limit) {
         return Ok(());
     }
@@ -149,6 +187,15 @@ fn check_loops(tree: &GpuLinearOctree, question: &Knn<'_>, places: usize) -> Res
         ),
         advice: "use the CPU, fewer neighbours or fewer points",
     })
+}
+
+/// Distances from their squares, infinite in places without a point.
+fn distances(ids: &[u32], dist2: Vec<f32>) -> Vec<f32> {
+    let mut distances = list::square_roots(dist2);
+    for (distance, _) in distances.iter_mut().zip(ids).filter(|(_, id)| **id == NearestNeighbors::NONE) {
+        *distance = f32::INFINITY;
+    }
+    distances
 }
 
 impl NearestNeighbors {

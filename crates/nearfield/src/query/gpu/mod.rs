@@ -18,6 +18,8 @@ mod visit;
 mod visitor;
 
 pub use knn::GpuNearestNeighbors;
+#[doc(hidden)]
+pub use knn::KnnBatch;
 pub use on_device::{GpuNeighborRows, GpuNeighbors, SearchOnDevice};
 #[doc(hidden)]
 pub use visit::Batch;

@@ -84,6 +84,11 @@ impl QueryBuffers {
         &self.queries
     }
 
+    /// Radii by slot where each query has its own, else one.
+    pub(super) fn radii(&self) -> &Buffer<f32> {
+        &self.radii
+    }
+
     /// Number of queries.
     pub(super) fn len(&self) -> usize {
         self.queries.len()

@@ -19,14 +19,14 @@ struct Best {
     keys: Vec<u64>,
     /// Number of keys at which all but the best are dropped.
     most: usize,
-    /// Squared distance of the k-th; infinite before there are k.
+    /// Squared distance of the k-th; before there are k, the square of the question's radius.
     reach2: f32,
 }
 
 impl Best {
-    fn begin(&mut self, k: usize) {
+    fn begin(&mut self, k: usize, radius: f32) {
         self.keys.clear();
-        (self.k, self.most, self.reach2) = (k, k, f32::INFINITY);
+        (self.k, self.most, self.reach2) = (k, k, radius * radius);
     }
 
     #[inline]
@@ -66,6 +66,7 @@ impl KnnSearch for LinearOctree {
         question.validate(points.len())?;
         let start = Instant::now();
         let (simd, period, places) = (Simd::best(), CpuStructure::period(self), question.places(points.len()));
+        let within = question.as_fixed_radius();
         let wanted = places + usize::from(question.exclude_self);
         let queries = cpu::ordered(self, question.queries)?;
         let packs = &queries.packs[..];
@@ -76,9 +77,10 @@ impl KnnSearch for LinearOctree {
             for place in range {
                 let (center, id) = (queries.points.position(place), queries.points.id(place));
                 let left_out = question.exclude_self.then_some(id);
-                best.begin(places);
+                let radius = within.radius_of(id as usize);
+                best.begin(places, radius);
                 if places > 0 {
-                    self.nearest_first(center, wanted, |span| {
+                    self.nearest_first(center, wanted, radius, |span| {
                         hits.clear();
                         let ball = Ball { center, radius2: best.reach2, period };
                         row_simd::collect::<true>(simd, points, std::slice::from_ref(&span), &ball, &mut hits);
@@ -86,7 +88,7 @@ impl KnnSearch for LinearOctree {
                         best.reach2
                     });
                 }
-                made.push(id, best.finish());
+                made.push(id, best.finish(), places);
             }
             made
         };
@@ -95,7 +97,7 @@ impl KnnSearch for LinearOctree {
         report.search = "nearest-octants";
         report.host_stage("query", start);
         let start = Instant::now();
-        let n_queries = question.within_everywhere().len(points.len());
+        let n_queries = within.len(points.len());
         let mut nearest = assemble(&made, n_queries, places, question.k as usize)?;
         report.host_stage("assemble", start);
         nearest.report = report;
@@ -113,10 +115,14 @@ impl TaskRows {
         }
     }
 
-    fn push(&mut self, query: u32, keys: &[u64]) {
+    /// Adds a row, filled up to `places`.
+    fn push(&mut self, query: u32, keys: &[u64], places: usize) {
         self.queries.push(query);
+        let end = self.indices.len() + places;
         self.indices.extend(keys.iter().map(|&key| key as u32));
         self.distances.extend(keys.iter().map(|&key| f32::from_bits((key >> 32) as u32).sqrt()));
+        self.indices.resize(end, NearestNeighbors::NONE);
+        self.distances.resize(end, f32::INFINITY);
     }
 }
 
@@ -152,7 +158,7 @@ fn assemble(tasks: &[TaskRows], n_queries: usize, places: usize, k: usize) -> Re
 impl KnnSearch for BruteForce {
     fn knn(&self, question: &Knn<'_>) -> Result<NearestNeighbors> {
         question.validate(CpuStructure::points(self).len())?;
-        let list = self.list(&question.within_everywhere())?;
+        let list = self.list(&question.as_fixed_radius())?;
         Ok(NearestNeighbors::of_list(list, question.k as usize))
     }
 }

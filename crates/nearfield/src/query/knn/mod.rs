@@ -1,21 +1,24 @@
-//! The question for the k nearest points, however far they are, and its answer.
+//! The question for the k nearest points, however far they are or within a radius, and its answer.
 //!
 //! The search in a tree starts at the smallest node around the query that has k points, which gives a first distance, and
-//! then looks at every node that can hold something nearer. Source: Friedman1977, who start in the leaf of a kd-tree.
+//! then looks at every node that can hold something nearer; a radius bounds that distance from the start, and the search
+//! then starts at a node about as wide as the radius where that is smaller. Source: Friedman1977, who start in the leaf of a kd-tree.
 //! Cost: 8 bytes a neighbour, on the CPU about twice that while rows are put into query order.
 
 mod cpu;
 
 use glam::Vec3;
 
-use super::{FixedRadius, Neighbor, Queries, Report, RowOrder, rows};
+use super::{FixedRadius, Neighbor, Queries, Radius, Report, RowOrder, rows};
 use crate::{Error, Result};
 
-/// A search for the `k` nearest points of every point of a structure, or of other query points, without a radius.
+/// A search for the `k` nearest points of every point of a structure, or of other query points: however far they are, or
+/// with [`Knn::within`] only those in the closed ball of a radius.
 ///
 /// Neighbours are ordered by squared distance in f32, ties by lower index; a query that is itself a point of the
 /// structure is its own nearest neighbour unless [`Knn::exclude_self`] is set. Exact duplicates are neighbours at
-/// distance 0. The nearest neighbour is k = 1; k = 0 finds nothing.
+/// distance 0. The nearest neighbour is k = 1; k = 0 finds nothing. With a radius a point is a neighbour when its
+/// squared distance is ≤ radius², both in f32, as in [`FixedRadius`]; radius 0 finds exact duplicates.
 ///
 /// ```
 /// use nearfield::{Knn, KnnSearch, LinearOctree, OctreeSettings, Vec3};
@@ -24,6 +27,8 @@ use crate::{Error, Result};
 /// let tree = LinearOctree::build(&points, &OctreeSettings::default())?;
 /// let nearest = tree.knn(&Knn::new(1).exclude_self())?;
 /// assert_eq!((nearest.row(0), nearest.row(1), nearest.row(2)), (&[1][..], &[2][..], &[1][..]));
+/// let near = tree.knn(&Knn::new(1).exclude_self().within(1.0))?;
+/// assert_eq!((near.row(0), near.row(1), near.row(2)), (&[][..], &[2][..], &[1][..]));
 /// # Ok::<(), nearfield::Error>(())
 /// ```
 #[derive(Debug, Clone, Copy)]
@@ -32,6 +37,8 @@ pub struct Knn<'a> {
     pub k: u32,
     /// Who asks.
     pub queries: Queries<'a>,
+    /// How far neighbours may be, in the unit of the coordinates; `None` for any distance.
+    pub radius: Option<Radius<'a>>,
     /// Leave out the query point itself (the same index; exact duplicates stay). Only with [`Queries::Points`].
     pub exclude_self: bool,
     /// Largest size in bytes of the answer in host memory; `None` for no limit.
@@ -47,12 +54,24 @@ const EVERYWHERE: f32 = 1.8e19;
 impl<'a> Knn<'a> {
     /// The `k` nearest points of every point of the structure.
     pub fn new(k: u32) -> Self {
-        Self { k, queries: Queries::Points, exclude_self: false, max_bytes: None }
+        Self { k, queries: Queries::Points, radius: None, exclude_self: false, max_bytes: None }
     }
 
     /// Asks around other points.
     pub fn queries(mut self, queries: &'a [Vec3]) -> Self {
         self.queries = Queries::Other(queries);
+        self
+    }
+
+    /// Finds only points within `radius` of the query, the sphere included.
+    pub fn within(mut self, radius: f32) -> Self {
+        self.radius = Some(Radius::One(radius));
+        self
+    }
+
+    /// As [`Knn::within`], with a radius for each query.
+    pub fn within_each(mut self, radii: &'a [f32]) -> Self {
+        self.radius = Some(Radius::Each(radii));
         self
     }
 
@@ -71,10 +90,10 @@ impl<'a> Knn<'a> {
     /// Checks the question against a structure of `points` points.
     ///
     /// # Errors
-    /// `NonFinite` or `CoordinateTooLarge` (queries), `InvalidSetting` (`exclude_self` with other queries), `TooMany`
+    /// `InvalidRadius`, `LengthMismatch` (radii), `NonFinite` or `CoordinateTooLarge` (queries), `InvalidSetting` (`exclude_self` with other queries), `TooMany`
     /// (2³² queries or more), `OutOfMemory` where the answer would pass the limit or the memory of the host.
     pub fn validate(&self, points: usize) -> Result<()> {
-        let within = self.within_everywhere();
+        let within = self.as_fixed_radius();
         within.validate(points)?;
         let needed = (within.len(points) as u64).saturating_mul(u64::from(self.k)).saturating_mul(ENTRY_BYTES);
         // While the answer is put together, the rows that tasks found stand beside it.
@@ -85,18 +104,20 @@ impl<'a> Knn<'a> {
         Ok(())
     }
 
-    /// The same question as one with a radius and a cap: what structures without a search of their own answer.
-    pub(super) fn within_everywhere(&self) -> FixedRadius<'a> {
+    /// The same question as one with a radius, that reaches everything where there is none, and a cap: what structures
+    /// without a search of their own answer.
+    pub(super) fn as_fixed_radius(&self) -> FixedRadius<'a> {
         FixedRadius {
             queries: self.queries,
             exclude_self: self.exclude_self,
             max_neighbors: Some(self.k),
             order: RowOrder::Distance,
+            radius: self.radius.unwrap_or(Radius::One(EVERYWHERE)),
             ..FixedRadius::new(EVERYWHERE).distances()
         }
     }
 
-    /// Neighbours that each query has in a structure of `points` points.
+    /// Neighbours that each query can have in a structure of `points` points.
     pub(super) fn places(&self, points: usize) -> usize {
         (self.k as usize).min(points.saturating_sub(usize::from(self.exclude_self)))
     }
@@ -104,7 +125,7 @@ impl<'a> Knn<'a> {
 
 /// The nearest points of every query: rows of `k` places in query order, nearest first, ties by lower index.
 ///
-/// Where there are fewer than `k` points, a row ends with places that hold [`NearestNeighbors::NONE`] and an infinite
+/// Where there are fewer than `k` points, or fewer within the radius, a row ends with places that hold [`NearestNeighbors::NONE`] and an infinite
 /// distance.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct NearestNeighbors {
@@ -145,7 +166,7 @@ impl NearestNeighbors {
         &self.distances
     }
 
-    /// Number of neighbours of query `i`: `k`, or all the points there are.
+    /// Number of neighbours of query `i`: `k`, or all the points there are within the radius.
     ///
     /// # Panics
     /// If `i` is not below [`NearestNeighbors::len`].

@@ -50,25 +50,27 @@ pub(super) fn most(tree: &LinearOctree, radius: f32, queries: Option<&Aabb>, in_
 
 /// The most nodes and points that the kernel `knn` looks at for any of the queries, `None` for the points themselves.
 ///
-/// The kernel's search goes no farther than the k-th point of the node that it starts with; here that distance is never
-/// shortened, and it is lengthened by more than devices differ.
+/// The kernel's search goes no farther than the k-th point of the node that it starts with, nor than the radius; here that
+/// distance is never shortened, and it is lengthened by more than devices differ. `radius` is that of a query.
 pub(super) fn most_nearest_steps(
     tree: &LinearOctree,
     queries: Option<&[Vec3]>,
     places: usize,
     exclude_self: bool,
+    radius: impl Fn(usize) -> f32 + Sync,
 ) -> u64 {
     let wanted = places + usize::from(exclude_self);
     let (points, period) = (CpuStructure::points(tree), CpuStructure::period(tree));
-    let steps = |query: Vec3, left_out: Option<u32>| {
-        let Some(start) = tree.smallest_around(query, wanted) else { return 0 };
+    let steps = |query: Vec3, radius: f32, left_out: Option<u32>| {
+        let Some(start) = tree.smallest_around(query, wanted, radius) else { return 0 };
         let inside = tree.nodes()[start].points().filter(|&i| Some(points.id(i)) != left_out);
         let mut dist2: Vec<f32> = inside.map(|i| period.dist2(query, points.position(i))).collect();
-        let reach2 = match places {
+        let nearest2 = match places {
             0 => 0.0,
             _ if dist2.len() < places => f32::INFINITY,
-            _ => *dist2.select_nth_unstable_by(places - 1, f32::total_cmp).1 * (1.0 + 1e-5) + 1e-36,
+            _ => *dist2.select_nth_unstable_by(places - 1, f32::total_cmp).1,
         };
+        let reach2 = nearest2.min(radius * radius) * (1.0 + 1e-5) + 1e-36;
         let probe = tree.layout.probe(query);
         let mut steps = u64::from(tree.nodes()[start].n_points());
         tree.walk(|number, node| {
@@ -84,9 +86,15 @@ pub(super) fn most_nearest_steps(
         steps
     };
     match queries {
-        Some(queries) => queries.par_iter().map(|&query| steps(query, None)).max().unwrap_or(0),
+        Some(queries) => {
+            let other = |(i, &query): (usize, &Vec3)| steps(query, radius(i), None);
+            queries.par_iter().enumerate().map(other).max().unwrap_or(0)
+        }
         None => {
-            let own = |i: usize| steps(points.position(i), exclude_self.then_some(points.id(i)));
+            let own = |i: usize| {
+                let id = points.id(i);
+                steps(points.position(i), radius(id as usize), exclude_self.then_some(id))
+            };
             (0..points.len()).into_par_iter().map(own).max().unwrap_or(0)
         }
     }

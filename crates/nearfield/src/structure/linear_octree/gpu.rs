@@ -98,14 +98,15 @@ impl GpuLinearOctree {
     }
 
     /// The most nodes and candidates that a search of the nearest `places` points looks at, for any of these queries;
-    /// `None` for the points themselves. For devices that end long loops.
+    /// `None` for the points themselves; `radius` is that of a query. For devices that end long loops.
     pub(crate) fn most_nearest_steps(
         &self,
         queries: Option<&[Vec3]>,
         places: usize,
         exclude_self: bool,
+        radius: impl Fn(usize) -> f32 + Sync,
     ) -> Result<u64> {
-        Ok(effort::most_nearest_steps(&self.read()?, queries, places, exclude_self))
+        Ok(effort::most_nearest_steps(&self.read()?, queries, places, exclude_self, radius))
     }
 
     /// The most nodes and points that a search of boxes with these lowest and highest cells looks at for any of them.

@@ -66,9 +66,15 @@ impl OctreeLayout {
 impl LinearOctree {
     /// Hands spans of points to `test`, each point at most once and near ones first, until nothing that is left can lie
     /// within the squared distance that `test` returned last. The first span has at least `wanted` points, if there are
-    /// so many.
-    pub(crate) fn nearest_first(&self, query: Vec3, wanted: usize, mut test: impl FnMut(Range<usize>) -> f32) {
-        let Some(mut inner) = self.smallest_around(query, wanted) else { return };
+    /// so many and they are not spread over more than a cell about as wide as `radius`, beyond which nothing is wanted.
+    pub(crate) fn nearest_first(
+        &self,
+        query: Vec3,
+        wanted: usize,
+        radius: f32,
+        mut test: impl FnMut(Range<usize>) -> f32,
+    ) {
+        let Some(mut inner) = self.smallest_around(query, wanted, radius) else { return };
         let nodes = self.nodes();
         let probe = self.layout.probe(query);
         let mut reach2 = test(nodes[inner].points());
@@ -88,16 +94,24 @@ impl LinearOctree {
         }
     }
 
-    /// The smallest node around the query's cell that has `wanted` points; the root where none has. `None` without
-    /// points. Queries outside the domain count to its border.
-    pub(super) fn smallest_around(&self, query: Vec3, wanted: usize) -> Option<usize> {
+    /// The smallest node around the query's cell that has `wanted` points or is at least as wide as `radius`; the root
+    /// where none is. `None` without points. Queries outside the domain count to its border.
+    ///
+    /// One product and a comparison decide on the width, so that devices start at the same node.
+    pub(super) fn smallest_around(&self, query: Vec3, wanted: usize, radius: f32) -> Option<usize> {
+        let radius_in_cells = radius * self.domain().scale();
         let nodes = self.nodes();
         let key = self.domain().key_of(self.curve(), query);
         let mut node = nodes.first().map(|_| 0)?;
         for level in 0..MAX_LEVEL {
             let index = (key >> (3 * (MAX_LEVEL - 1 - level)) & 7) as u32;
             match nodes[node].child(index) {
-                Some(child) if nodes[child as usize].n_points() as usize >= wanted => node = child as usize,
+                Some(child)
+                    if nodes[child as usize].n_points() as usize >= wanted
+                        || radius_in_cells <= (1u32 << (MAX_LEVEL - 1 - level)) as f32 =>
+                {
+                    node = child as usize;
+                }
                 _ => break,
             }
         }
