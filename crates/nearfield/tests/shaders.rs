@@ -9,7 +9,7 @@ use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
-use nearfield::query::{Batch, KnnBatch};
+use nearfield::query::{Batch, KnnBatch, KnnRun};
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::BruteForceLayout;
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
@@ -23,7 +23,10 @@ const VISITOR: &str = "package::structure::visitor";
 const MASKS: &str = "masks";
 
 /// Conditions of a module of which exactly one holds.
-const EXACTLY_ONE: &[(&str, &[&str])] = &[("package::parallel::reduce", &["sum", "smallest", "largest"])];
+const EXACTLY_ONE: &[(&str, &[&str])] = &[
+    ("package::parallel::reduce", &["sum", "smallest", "largest"]),
+    ("package::query::knn_boxes", &["few", "some", "many", "most"]),
+];
 
 /// A caller's visitor with a binding of its own.
 const CALLERS_VISITOR: &str = "
@@ -288,6 +291,7 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         ("GridLayout", grid),
         ("Layout", brute_force),
         ("Batch", batch),
+        ("KnnRun", layout_of!(KnnRun { count, first_id, exclude_self, own_radius, radius, k, first, padding })),
         ("KnnBatch", with_single_words(knn)),
         ("Domain", domain()),
     ])

@@ -29,7 +29,7 @@ pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
-pub use gpu::{Batch, KnnBatch};
+pub use gpu::{Batch, KnnBatch, KnnRun};
 #[cfg(feature = "gpu")]
 pub use gpu::{ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
 #[cfg(feature = "gpu")]

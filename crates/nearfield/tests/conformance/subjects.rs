@@ -130,7 +130,7 @@ macro_rules! on_cpu {
 on_cpu!(BruteForce, |_| None, knn, boxes);
 on_cpu!(UniformGrid, UniformGrid::broken_invariant);
 on_cpu!(LinearOctree, LinearOctree::broken_invariant, knn, boxes);
-on_cpu!(AabbTree, AabbTree::broken_invariant);
+on_cpu!(AabbTree, AabbTree::broken_invariant, knn);
 
 /// Settings of a grid over a plan.
 type Settings = fn(&Plan<'_>) -> GridSettings;
@@ -272,10 +272,14 @@ on_gpu!(GpuBruteForce, |_| None, knn);
 #[cfg(feature = "gpu")]
 on_gpu!(GpuUniformGrid, |_| None);
 #[cfg(feature = "gpu")]
-on_gpu!(GpuAabbTree, |tree: &GpuAabbTree| match tree.read() {
-    Ok(tree) => tree.broken_invariant(),
-    Err(error) => Some(error.to_string()),
-});
+on_gpu!(
+    GpuAabbTree,
+    |tree: &GpuAabbTree| match tree.read() {
+        Ok(tree) => tree.broken_invariant(),
+        Err(error) => Some(error.to_string()),
+    },
+    knn
+);
 #[cfg(feature = "gpu")]
 on_gpu!(
     GpuLinearOctree,
@@ -425,6 +429,7 @@ impl Subject {
                     "brute-force" => "all-pairs",
                     "linear-octree" if asked == Asked::Knn => "nearest-octants",
                     "linear-octree" => "octants",
+                    "aabb-tree" if asked == Asked::Knn => "nearest-boxes",
                     "aabb-tree" => self.variant.split(' ').next().expect("a variant should have a word"),
                     _ => "row-runs",
                 };
@@ -492,6 +497,9 @@ impl Subject {
     fn on_gpu(&self, asked: Asked) -> (&'static str, Vec<String>) {
         let asked = self.answered_as(asked);
         match asked {
+            Asked::Knn if self.structure == "aabb-tree" => {
+                return ("nearest-boxes", vec!["package::query::knn_boxes".to_owned()]);
+            }
             Asked::Knn => return ("nearest-octants", vec!["package::query::knn".to_owned()]),
             Asked::Boxes => return ("thread-a-box", vec!["package::query::boxes".to_owned()]),
             _ => {}

@@ -1,39 +1,14 @@
-//! The nearest points on the device: one kernel over a tree, or the list with a cap where there is none.
+//! The nearest points on the device: kernels over trees, or the list with a cap where there is none.
 
 use std::time::Instant;
 
-use bytemuck::{Pod, Zeroable};
-
 use super::answers::{add_stages, in_batches};
+use super::list;
 use super::visit::QueryBuffers;
-use super::{list, loops};
-use crate::gpu::{Access, Bind, Buffer, Kernel, StageTime, Workgroups};
-use crate::query::{FixedRadius, Knn, KnnSearch, NearestNeighbors, Queries, Radius, Report};
-use crate::structure::{GpuBruteForce, GpuLinearOctree, GpuStructure};
-use crate::{Error, Result};
-
-/// Invocations of a workgroup of the kernel.
-const WORKGROUP: u32 = 64;
-
-/// `KnnBatch` in knn.wesl, byte for byte.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub struct KnnBatch {
-    /// Number of queries.
-    pub count: u32,
-    /// The caller's index that has slot 0.
-    pub first_id: u32,
-    /// 1 to leave out the query itself.
-    pub exclude_self: u32,
-    /// 1 where each query has its own radius.
-    pub own_radius: u32,
-    /// The radius where all have one.
-    pub radius: f32,
-    /// Places of a row, at least 1.
-    pub k: u32,
-    /// Unused.
-    pub padding: [u32; 2],
-}
+use crate::Result;
+use crate::gpu::{Buffer, Commands, StageTime};
+use crate::query::{FixedRadius, Knn, KnnSearch, NearestNeighbors, Report};
+use crate::structure::{GpuAabbTree, GpuBruteForce, GpuLinearOctree, GpuStructure};
 
 /// The nearest points of every query, on the device.
 #[derive(Debug)]
@@ -50,53 +25,89 @@ pub struct GpuNearestNeighbors {
 }
 
 /// Rows of so many queries on the device.
-struct Rows {
-    ids: Buffer<u32>,
-    dist2: Buffer<f32>,
-    times: Vec<StageTime>,
+pub(super) struct Rows {
+    pub(super) ids: Buffer<u32>,
+    pub(super) dist2: Buffer<f32>,
 }
 
-impl GpuLinearOctree {
-    /// The nearest points of every query, left on the device.
-    ///
-    /// The limit on the bytes of the answer does not matter.
-    ///
-    /// # Errors
-    /// As [`KnnSearch::knn`]; `OutOfDeviceMemory` with the size where the rows do not fit one binding.
-    pub fn knn_on_device(&self, question: &Knn<'_>) -> Result<GpuNearestNeighbors> {
-        let within = question.as_fixed_radius();
-        within.validate(self.len())?;
-        let places = question.places(self.len());
-        check_loops(self, question, places)?;
-        let mut report = report(self);
-        let rows = find(self, &within, &QueryBuffers::in_search_order(self, &within)?, places)?;
-        add_stages(&mut report, &rows.times);
-        Ok(GpuNearestNeighbors { places, indices: rows.ids, dist2: rows.dist2, report })
-    }
+/// A tree with a kernel that finds the nearest points.
+pub(super) trait NearestOnDevice: GpuStructure {
+    /// Name of that search.
+    const NEAREST: &'static str;
+    /// Module of the kernel.
+    const KERNEL: &'static str;
+
+    /// Records finding the nearest `places` points of these queries, at least one, into rows.
+    fn record_nearest(
+        &self,
+        commands: &mut Commands,
+        within: &FixedRadius<'_>,
+        queries: &QueryBuffers,
+        places: u32,
+        rows: &Rows,
+    ) -> Result<()>;
+
+    /// Checks that the device does not end the kernel's loops before their work is done.
+    fn check_loops(&self, question: &Knn<'_>, places: usize) -> Result<()>;
 }
 
-impl KnnSearch for GpuLinearOctree {
-    fn knn(&self, question: &Knn<'_>) -> Result<NearestNeighbors> {
-        question.validate(self.len())?;
-        let start = Instant::now();
-        let (within, places, k) = (question.as_fixed_radius(), question.places(self.len()), question.k as usize);
-        check_loops(self, question, places)?;
-        let n_queries = within.len(self.len());
-        let mut report = report(self);
-        let mut made = NearestNeighbors { k, n_queries, ..NearestNeighbors::default() };
-        in_batches(self, &within, 1, &mut report, |queries, report| {
-            let rows = find(self, &within, queries, places)?;
-            add_stages(report, &rows.times);
-            let read = Instant::now();
-            let (ids, dist2) = (self.gpu().read(&rows.ids)?, self.gpu().read(&rows.dist2)?);
-            let distances = distances(&ids, dist2);
-            made.append(ids, distances, queries.len());
-            report.host_stage("read back", read);
-            Ok(())
-        })?;
-        report.host_stage("total", start);
-        Ok(NearestNeighbors { report, ..made })
-    }
+/// The nearest points of every query, read back; and left on the device. (A blanket implementation would overlap with that
+/// for brute force.)
+macro_rules! nearest_on_gpu {
+    ($($structure:ty),*) => {$(
+        impl $structure {
+            /// The nearest points of every query, left on the device.
+            ///
+            /// The limit on the bytes of the answer does not matter.
+            ///
+            /// # Errors
+            /// As [`KnnSearch::knn`]; `OutOfDeviceMemory` with the size where the rows do not fit one binding.
+            pub fn knn_on_device(&self, question: &Knn<'_>) -> Result<GpuNearestNeighbors> {
+                knn_on_device(self, question)
+            }
+        }
+
+        impl KnnSearch for $structure {
+            fn knn(&self, question: &Knn<'_>) -> Result<NearestNeighbors> {
+                knn(self, question)
+            }
+        }
+    )*};
+}
+
+nearest_on_gpu!(GpuLinearOctree, GpuAabbTree);
+
+fn knn_on_device<S: NearestOnDevice>(tree: &S, question: &Knn<'_>) -> Result<GpuNearestNeighbors> {
+    let within = question.as_fixed_radius();
+    within.validate(tree.len())?;
+    let places = question.places(tree.len());
+    tree.check_loops(question, places)?;
+    let mut report = report(tree);
+    let (rows, times) = find(tree, &within, &QueryBuffers::in_search_order(tree, &within)?, places)?;
+    add_stages(&mut report, &times);
+    Ok(GpuNearestNeighbors { places, indices: rows.ids, dist2: rows.dist2, report })
+}
+
+fn knn<S: NearestOnDevice>(tree: &S, question: &Knn<'_>) -> Result<NearestNeighbors> {
+    question.validate(tree.len())?;
+    let start = Instant::now();
+    let (within, places, k) = (question.as_fixed_radius(), question.places(tree.len()), question.k as usize);
+    tree.check_loops(question, places)?;
+    let n_queries = within.len(tree.len());
+    let mut report = report(tree);
+    let mut made = NearestNeighbors { k, n_queries, ..NearestNeighbors::default() };
+    in_batches(tree, &within, 1, &mut report, |queries, report| {
+        let (rows, times) = find(tree, &within, queries, places)?;
+        add_stages(report, &times);
+        let read = Instant::now();
+        let (ids, dist2) = (tree.gpu().read(&rows.ids)?, tree.gpu().read(&rows.dist2)?);
+        let distances = distances(&ids, dist2);
+        made.append(ids, distances, queries.len());
+        report.host_stage("read back", read);
+        Ok(())
+    })?;
+    report.host_stage("total", start);
+    Ok(NearestNeighbors { report, ..made })
 }
 
 impl KnnSearch for GpuBruteForce {
@@ -107,86 +118,36 @@ impl KnnSearch for GpuBruteForce {
     }
 }
 
-fn report(tree: &GpuLinearOctree) -> Report {
+fn report<S: NearestOnDevice>(tree: &S) -> Report {
     Report {
-        structure: <GpuLinearOctree as GpuStructure>::NAME,
-        search: "nearest-octants",
+        structure: S::NAME,
+        search: S::NEAREST,
         device: tree.gpu().name().to_owned(),
-        kernels: vec!["package::query::knn".to_owned()],
+        kernels: vec![S::KERNEL.to_owned()],
         batches: 1,
         ..Report::default()
     }
 }
 
-/// Rows of `places` neighbours of these queries.
-fn find(tree: &GpuLinearOctree, within: &FixedRadius<'_>, queries: &QueryBuffers, places: usize) -> Result<Rows> {
-    use Access::{Read, ReadWrite, Uniform};
+/// Rows of `places` neighbours of these queries, and the times of finding them.
+fn find<S: NearestOnDevice>(
+    tree: &S,
+    within: &FixedRadius<'_>,
+    queries: &QueryBuffers,
+    places: usize,
+) -> Result<(Rows, Vec<StageTime>)> {
     let (gpu, n) = (tree.gpu(), queries.len());
     let ids = gpu.buffer("nearest indices", n * places)?;
     let dist2 = gpu.buffer("nearest distances", n * places)?;
-    let mut times = Vec::new();
-    if n * places > 0 {
-        let (own_radius, radius) = match within.radius {
-            Radius::One(radius) => (0, radius),
-            Radius::Each(_) => (1, 0.0),
-        };
-        let batch = KnnBatch {
-            count: n as u32,
-            first_id: queries.first_id(),
-            exclude_self: u32::from(within.exclude_self),
-            own_radius,
-            radius,
-            k: places as u32,
-            padding: [0; 2],
-        };
-        let batch = gpu.uniform("nearest batch", &batch)?;
-        let mut features = tree.features();
-        features.push(("by_index", false));
-        let kernel = Kernel {
-            visitor_bindings: &[ReadWrite, ReadWrite],
-            features: &features,
-            constants: &[("WORKGROUP", f64::from(WORKGROUP))],
-            ..Kernel::new("package::query::knn", "find_nearest", &[Uniform, Read, Read, Uniform, Read, Read], WORKGROUP)
-        };
-        let binds: [Bind; 6] = [
-            (&batch).into(),
-            queries.points().into(),
-            queries.radii().into(),
-            tree.layout().into(),
-            tree.points().into(),
-            tree.nodes().into(),
-        ];
-        let mut commands = gpu.commands("nearest neighbours");
-        let rows: [Bind; 2] = [(&ids).into(), (&dist2).into()];
-        let covering = Workgroups::Covering(n as u64);
-        commands.stage("query").dispatch_with_visitor(&gpu.pipeline(&kernel)?, &binds, &rows, covering);
-        times = commands.run()?;
+    let rows = Rows { ids, dist2 };
+    if n * places == 0 {
+        return Ok((rows, Vec::new()));
     }
-    Ok(Rows { ids, dist2, times })
-}
-
-/// Checks that the device does not end the kernel's loops before their work is done.
-fn check_loops(tree: &GpuLinearOctree, question: &Knn<'_>, places: usize) -> Result<()> {
-    let Some(limit) = tree.gpu().limits().loop_rounds else { return Ok(()) };
-    if places == 0 {
-        return Ok(());
-    }
-    let queries = match question.queries {
-        Queries::Points => None,
-        Queries::Other(queries) => Some(queries),
-    };
-    let within = question.as_fixed_radius();
-    let steps = tree.most_nearest_steps(queries, places, question.exclude_self, |i| within.radius_of(i))?;
-    if loops::of_knn(steps, places as u32) <= u64::from(limit) {
-        return Ok(());
-    }
-    let (n, gpu) = (tree.len(), tree.gpu().name());
-    Err(Error::Unsupported {
-        what: format!(
-            "finding the nearest {places} of {n} points on {gpu}, which ends the loops of a kernel after {limit} rounds,"
-        ),
-        advice: "use the CPU, fewer neighbours or fewer points",
-    })
+    let mut commands = gpu.commands("nearest neighbours");
+    commands.stage("query");
+    tree.record_nearest(&mut commands, within, queries, places as u32, &rows)?;
+    let times = commands.run()?;
+    Ok((rows, times))
 }
 
 /// Distances from their squares, infinite in places without a point.

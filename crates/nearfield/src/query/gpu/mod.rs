@@ -10,6 +10,8 @@ mod batch;
 mod boxes;
 mod capped_list;
 mod knn;
+mod knn_boxes;
+mod knn_octants;
 mod list;
 mod loops;
 mod on_device;
@@ -19,7 +21,9 @@ mod visitor;
 
 pub use knn::GpuNearestNeighbors;
 #[doc(hidden)]
-pub use knn::KnnBatch;
+pub use knn_boxes::KnnRun;
+#[doc(hidden)]
+pub use knn_octants::KnnBatch;
 pub use on_device::{GpuNeighborRows, GpuNeighbors, SearchOnDevice};
 #[doc(hidden)]
 pub use visit::Batch;

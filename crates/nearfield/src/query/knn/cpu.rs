@@ -1,14 +1,16 @@
 //! The nearest points on the CPU: queries in packs along the curve, spans near them from the tree, SIMD over each span.
 
+use std::ops::Range;
 use std::time::Instant;
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{Knn, KnnSearch, NearestNeighbors};
 use crate::Result;
 use crate::geometry::row_simd::{self, Ball, Hits, Simd};
 use crate::query::{NeighborSearch, Neighbors, cpu, rows};
-use crate::structure::{BruteForce, CpuStructure, LinearOctree};
+use crate::structure::{AabbTree, BruteForce, CpuStructure, LinearOctree};
 
 /// The best so far of one query.
 #[derive(Debug, Default)]
@@ -60,49 +62,85 @@ struct TaskRows {
     distances: Vec<f32>,
 }
 
+/// A tree that hands out its points the nearest first.
+trait NearestFirst: CpuStructure {
+    /// Name of that search.
+    const NEAREST: &'static str;
+
+    /// Hands spans of points to `test`, each point at most once and near ones first, until nothing that is left can lie
+    /// within `radius` and the squared distance that `test` returned last. At least `wanted` points are of interest.
+    fn nearest_first(&self, query: Vec3, wanted: usize, radius: f32, test: impl FnMut(Range<usize>) -> f32);
+}
+
+impl NearestFirst for LinearOctree {
+    const NEAREST: &'static str = "nearest-octants";
+
+    fn nearest_first(&self, query: Vec3, wanted: usize, radius: f32, test: impl FnMut(Range<usize>) -> f32) {
+        self.octants_nearest_first(query, wanted, radius, test);
+    }
+}
+
+impl NearestFirst for AabbTree {
+    const NEAREST: &'static str = "nearest-boxes";
+
+    fn nearest_first(&self, query: Vec3, _: usize, radius: f32, test: impl FnMut(Range<usize>) -> f32) {
+        self.boxes_nearest_first(query, radius * radius, test);
+    }
+}
+
 impl KnnSearch for LinearOctree {
     fn knn(&self, question: &Knn<'_>) -> Result<NearestNeighbors> {
-        let points = CpuStructure::points(self);
-        question.validate(points.len())?;
-        let start = Instant::now();
-        let (simd, period, places) = (Simd::best(), CpuStructure::period(self), question.places(points.len()));
-        let within = question.as_fixed_radius();
-        let wanted = places + usize::from(question.exclude_self);
-        let queries = cpu::ordered(self, question.queries)?;
-        let packs = &queries.packs[..];
-        let find = |task: std::ops::Range<usize>| {
-            let range = packs[task.start] as usize..packs[task.end] as usize;
-            let mut made = TaskRows::with_capacity(range.len(), places);
-            let (mut best, mut hits) = (Best::default(), Hits::default());
-            for place in range {
-                let (center, id) = (queries.points.position(place), queries.points.id(place));
-                let left_out = question.exclude_self.then_some(id);
-                let radius = within.radius_of(id as usize);
-                best.begin(places, radius);
-                if places > 0 {
-                    self.nearest_first(center, wanted, radius, |span| {
-                        hits.clear();
-                        let ball = Ball { center, radius2: best.reach2, period };
-                        row_simd::collect::<true>(simd, points, std::slice::from_ref(&span), &ball, &mut hits);
-                        best.add(&hits, left_out);
-                        best.reach2
-                    });
-                }
-                made.push(id, best.finish(), places);
-            }
-            made
-        };
-        let made: Vec<TaskRows> = cpu::tasks(packs).into_par_iter().map(find).collect();
-        let mut report = cpu::report(self, "row_simd::collect");
-        report.search = "nearest-octants";
-        report.host_stage("query", start);
-        let start = Instant::now();
-        let n_queries = within.len(points.len());
-        let mut nearest = assemble(&made, n_queries, places, question.k as usize)?;
-        report.host_stage("assemble", start);
-        nearest.report = report;
-        Ok(nearest)
+        knn(self, question)
     }
+}
+
+impl KnnSearch for AabbTree {
+    fn knn(&self, question: &Knn<'_>) -> Result<NearestNeighbors> {
+        knn(self, question)
+    }
+}
+
+fn knn<S: NearestFirst>(tree: &S, question: &Knn<'_>) -> Result<NearestNeighbors> {
+    let points = tree.points();
+    question.validate(points.len())?;
+    let start = Instant::now();
+    let (simd, period, places) = (Simd::best(), tree.period(), question.places(points.len()));
+    let within = question.as_fixed_radius();
+    let wanted = places + usize::from(question.exclude_self);
+    let queries = cpu::ordered(tree, question.queries)?;
+    let packs = &queries.packs[..];
+    let find = |task: Range<usize>| {
+        let range = packs[task.start] as usize..packs[task.end] as usize;
+        let mut made = TaskRows::with_capacity(range.len(), places);
+        let (mut best, mut hits) = (Best::default(), Hits::default());
+        for place in range {
+            let (center, id) = (queries.points.position(place), queries.points.id(place));
+            let left_out = question.exclude_self.then_some(id);
+            let radius = within.radius_of(id as usize);
+            best.begin(places, radius);
+            if places > 0 {
+                tree.nearest_first(center, wanted, radius, |span| {
+                    hits.clear();
+                    let ball = Ball { center, radius2: best.reach2, period };
+                    row_simd::collect::<true>(simd, points, std::slice::from_ref(&span), &ball, &mut hits);
+                    best.add(&hits, left_out);
+                    best.reach2
+                });
+            }
+            made.push(id, best.finish(), places);
+        }
+        made
+    };
+    let made: Vec<TaskRows> = cpu::tasks(packs).into_par_iter().map(find).collect();
+    let mut report = cpu::report(tree, "row_simd::collect");
+    report.search = S::NEAREST;
+    report.host_stage("query", start);
+    let start = Instant::now();
+    let n_queries = within.len(points.len());
+    let mut nearest = assemble(&made, n_queries, places, question.k as usize)?;
+    report.host_stage("assemble", start);
+    nearest.report = report;
+    Ok(nearest)
 }
 
 impl TaskRows {

@@ -157,6 +157,15 @@ impl GpuAabbTree {
         Ok(BoxN::to_aabb(&root.aabb()))
     }
 
+    /// How many invocations, each on a way of its own, share the loop rounds of a device that limits them.
+    pub(crate) fn rounds_in_step(&self) -> u64 {
+        match (self.is_packed(), self.gpu.limits().subgroup) {
+            (true, _) => 1,
+            (false, Some((_, largest))) => u64::from(largest),
+            (false, None) => u64::from(effort::MOST_IN_STEP),
+        }
+    }
+
     /// Whether invocations of a subgroup go through the tree together.
     fn is_packed(&self) -> bool {
         self.settings.search == TreeSearch::Packed && self.gpu.limits().subgroup.is_some()

@@ -8,7 +8,6 @@ use super::AabbTree;
 use super::region::{Region, dist2_below};
 use super::shape::TreeShape;
 use crate::geometry::Aabb;
-use crate::structure::CpuStructure;
 
 impl AabbTree {
     /// The region within `radius` of a box.
@@ -43,7 +42,7 @@ impl AabbTree {
 
     /// Hands spans of points to `test`, each point at most once and near ones first, until nothing that is left can lie
     /// within the squared distance that `test` returned last, or the one given.
-    pub(crate) fn nearest_first(&self, query: Vec3, reach2: f32, mut test: impl FnMut(Range<usize>) -> f32) {
+    pub(crate) fn boxes_nearest_first(&self, query: Vec3, reach2: f32, mut test: impl FnMut(Range<usize>) -> f32) {
         /// Nodes that wait: one a level at most, and the one at hand.
         const DEEPEST: usize = 34;
         if self.boxes.is_empty() {
@@ -95,11 +94,5 @@ impl AabbTree {
             node = if below(right) < below(left) { right } else { left };
         }
         Some(node)
-    }
-
-    /// Spans of points near a region, as [`CpuStructure::spans_near`]; returns the number of nodes looked at.
-    pub(crate) fn spans_and_visits(&self, region: &Aabb, radius: f32, spans: &mut Vec<Range<usize>>) -> usize {
-        debug_assert!(CpuStructure::points(self).len() == self.shape.n_points());
-        self.spans_in(&self.region_near(region, radius), spans)
     }
 }

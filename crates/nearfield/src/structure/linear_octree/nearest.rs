@@ -67,7 +67,7 @@ impl LinearOctree {
     /// Hands spans of points to `test`, each point at most once and near ones first, until nothing that is left can lie
     /// within the squared distance that `test` returned last. The first span has at least `wanted` points, if there are
     /// so many and they are not spread over more than a cell about as wide as `radius`, beyond which nothing is wanted.
-    pub(crate) fn nearest_first(
+    pub(crate) fn octants_nearest_first(
         &self,
         query: Vec3,
         wanted: usize,
