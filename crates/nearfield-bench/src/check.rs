@@ -29,6 +29,34 @@ pub struct Expected {
     sample: Vec<SampleRow>,
 }
 
+/// Checks rows of the `k` nearest points of all points, themselves included: the sampled rows name `k` points each once, none
+/// of which is farther than the true k-th by more than rounding, in ascending order but for that.
+///
+/// # Errors
+/// The first row that is wrong.
+pub fn check_nearest(points: &[Vec3], k: u32, indices: &[u32]) -> Result<()> {
+    let places = (k as usize).min(points.len());
+    if indices.len() != places * points.len() {
+        return Err(wrong(format!("{} places in rows of {places}, expected {}", indices.len(), places * points.len())));
+    }
+    let step = points.len().div_ceil(SAMPLE_ROWS).max(1);
+    for query in (0..points.len()).step_by(step) {
+        let dist2 = |i: usize| points[query].as_dvec3().distance_squared(points[i].as_dvec3());
+        let mut all: Vec<f64> = (0..points.len()).into_par_iter().map(dist2).collect();
+        let farthest = *all.select_nth_unstable_by(places - 1, f64::total_cmp).1 * (1.0 + SLACK);
+        let row = &indices[query * places..(query + 1) * places];
+        let found: Vec<f64> = row.iter().map(|&i| dist2(i as usize)).collect();
+        let mut distinct = row.to_vec();
+        distinct.sort_unstable();
+        distinct.dedup();
+        let ascends = found.windows(2).all(|pair| pair[0] <= pair[1] * (1.0 + SLACK));
+        if distinct.len() != places || !ascends || found.iter().any(|&d2| d2 > farthest) {
+            return Err(wrong(format!("query {query} has {row:?} at {found:?}, the farthest should be at {farthest}")));
+        }
+    }
+    Ok(())
+}
+
 /// A row by a plain loop in f64; indices ascending.
 #[derive(Debug, Clone)]
 struct SampleRow {
@@ -195,6 +223,27 @@ fn wrong(what: String) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nearest_points_are_checked_by_distance_order_and_number() {
+        let points: Vec<Vec3> = (0..10).map(|i| Vec3::new((i * i) as f32, 0.0, 0.0)).collect();
+        let mut indices = Vec::new();
+        for query in 0..points.len() {
+            let mut order: Vec<u32> = (0..10).collect();
+            order.sort_by(|&a, &b| {
+                let dist2 = |i: u32| points[query].distance_squared(points[i as usize]);
+                dist2(a).total_cmp(&dist2(b))
+            });
+            indices.extend_from_slice(&order[..3]);
+        }
+        assert!(check_nearest(&points, 3, &indices).is_ok());
+        for (place, other) in [(2, 9), (1, indices[0]), (0, indices[2])] {
+            let mut planted = indices.clone();
+            planted[place] = other;
+            assert!(check_nearest(&points, 3, &planted).is_err(), "place {place}");
+        }
+        assert!(check_nearest(&points, 3, &indices[3..]).is_err());
+    }
     use crate::sets::Set;
 
     fn case() -> (Expected, Vec<u64>, Vec<u32>) {

@@ -203,6 +203,7 @@ fn table_is_complete(choice: &DeviceChoice, operations: &[&str]) {
     let folder = Folder::new(&format!("device-{}", operations.len()));
     let (csv, markdown) = (folder.0.join("table.csv"), folder.0.join("table.md"));
     let arguments = device::Arguments {
+        structures: vec![device::Structure::UniformGrid, device::Structure::AabbTree],
         device: choice.clone(),
         sets: ["uniform-2k", "shell-1k", "clustered-1k"].map(|set| set.parse().expect("a set")).to_vec(),
         repeat: Some(2),
@@ -215,7 +216,7 @@ fn table_is_complete(choice: &DeviceChoice, operations: &[&str]) {
     let mut reader = csv::Reader::from_path(&csv).expect("table.csv");
     let header: Vec<String> = reader.headers().expect("a header").iter().map(str::to_owned).collect();
     let column = |name: &str| header.iter().position(|h| h == name).expect(name);
-    let (set, operation, stage) = (column("set"), column("operation"), column("stage"));
+    let (set, operation, stage, structure) = (column("set"), column("operation"), column("stage"), column("structure"));
     let (milliseconds, commit) = (column("milliseconds"), column("commit"));
     let rows: Vec<csv::StringRecord> = reader.records().map(|r| r.expect("a record")).collect();
     for name in ["uniform-2k", "shell-1k", "clustered-1k"] {
@@ -223,7 +224,12 @@ fn table_is_complete(choice: &DeviceChoice, operations: &[&str]) {
             let total = rows.iter().find(|r| (&r[set], &r[operation], &r[stage]) == (name, wanted, "total"));
             let total = total.unwrap_or_else(|| panic!("{name} lacks {wanted}"));
             assert!(number(&total[milliseconds]) > 0.0 && &total[commit] == COMMIT, "{total:?}");
-            assert!(text.contains(&format!("| {name} | {wanted} |")), "{name} {wanted} is printed");
+            assert!(text.contains(&format!("| {name} | uniform-grid | {wanted} |")), "{name} {wanted} is printed");
+        }
+        let of_tree = rows.iter().filter(|r| &r[set] == name && &r[structure] == "aabb-tree" && &r[stage] == "total");
+        let of_tree: Vec<&str> = of_tree.map(|r| &r[operation]).collect();
+        for wanted in ["build", "refit", "count", "build + list", "kNN 16"] {
+            assert!(of_tree.contains(&wanted), "{name} lacks {wanted} of the tree");
         }
     }
 }

@@ -3,12 +3,14 @@
 //! Sets are those of [`crate::sets`]: every point queries its own set, itself included, the radius goes with the set.
 //! Rows are "build" (points on the device, bounds known), "bounds" (finding them there), "count" and "list" (query
 //! alone, list as compressed sparse rows in query order), "build + list", and "points in, list out" (all of it from
-//! host memory and back, wall clock).
+//! host memory and back, wall clock). For the AABB-tree also "refit", "refit + list" and "kNN 16".
 
 mod on_cpu;
 mod on_gpu;
 mod peers;
 mod table;
+mod tree_on_cpu;
+mod tree_on_gpu;
 
 use std::path::PathBuf;
 
@@ -35,6 +37,9 @@ pub struct Arguments {
     /// Sets, such as uniform-1m,shell-1m; by default those that suit the device
     #[arg(long, value_delimiter = ',')]
     pub sets: Vec<Set>,
+    /// Structures: uniform-grid, aabb-tree
+    #[arg(long, value_delimiter = ',', default_value = "uniform-grid,aabb-tree")]
+    pub structures: Vec<Structure>,
     /// Timed runs of an operation; by default 10, and 3 for answers of hundreds of millions of entries
     #[arg(long)]
     pub repeat: Option<usize>,
@@ -44,6 +49,15 @@ pub struct Arguments {
     /// Write the printed table to this file
     #[arg(long)]
     pub markdown: Option<PathBuf>,
+}
+
+/// A structure that is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Structure {
+    /// The uniform grid.
+    UniformGrid,
+    /// The AABB-tree.
+    AabbTree,
 }
 
 /// Prints the table, set by set; the files are complete after each set.
@@ -59,13 +73,21 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let warm_up = if matches!(machine.device, Device::Gpu(_)) { WARM_UP } else { 0.0 };
         let effort = Effort { warm_up, runs, seconds: SECONDS };
         let (points, radius) = (set.points(), set.radius());
-        let add = |row: table::Row| {
+        let mut add = |row: table::Row| {
             println!("{}", table::markdown_row(&row, &machine));
             table.rows.push(row);
         };
-        match &machine.device {
-            Device::Cpu => on_cpu::measure(&set, &points, radius, effort, add)?,
-            Device::Gpu(gpu) => on_gpu::measure(gpu, &set, &points, radius, effort, add)?,
+        for structure in &arguments.structures {
+            match (&machine.device, structure) {
+                (Device::Cpu, Structure::UniformGrid) => on_cpu::measure(&set, &points, radius, effort, &mut add)?,
+                (Device::Cpu, Structure::AabbTree) => tree_on_cpu::measure(&set, &points, radius, effort, &mut add)?,
+                (Device::Gpu(gpu), Structure::UniformGrid) => {
+                    on_gpu::measure(gpu, &set, &points, radius, effort, &mut add)?;
+                }
+                (Device::Gpu(gpu), Structure::AabbTree) => {
+                    tree_on_gpu::measure(gpu, &set, &points, radius, effort, &mut add)?;
+                }
+            }
         }
         if let Some(path) = &arguments.csv {
             table.save_csv(path)?;

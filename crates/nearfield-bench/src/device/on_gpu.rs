@@ -127,7 +127,7 @@ pub(super) fn measure(
 }
 
 /// The row whose rows stand in completion order.
-const UNORDERED: &str = "list, rows in completion order";
+pub(super) const UNORDERED: &str = "list, rows in completion order";
 
 /// The row timed by the host's clock.
 const FROM_HOST: &str = "points in, list out";
@@ -164,7 +164,7 @@ fn time_bounds(gpu: &Gpu, input: &Buffer<DevicePoint>, effort: Effort) -> Result
 }
 
 /// The times and the search of a list whose answer is right, or why the device cannot hold it.
-fn checked(
+pub(super) fn checked(
     gpu: &Gpu,
     expected: &Expected,
     listed: Result<(GpuNeighbors, Measured)>,
@@ -180,7 +180,7 @@ fn checked(
 }
 
 /// The note for a list that does not fit one binding; other errors stay errors.
-fn too_large(error: Error) -> Result<String> {
+pub(super) fn too_large(error: Error) -> Result<String> {
     match error.downcast_ref::<nearfield::Error>() {
         Some(nearfield::Error::OutOfDeviceMemory { needed, available, .. }) => {
             Ok(format!("does not fit: {needed} bytes, {available} possible"))

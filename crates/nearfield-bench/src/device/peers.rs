@@ -21,6 +21,9 @@ pub(super) const CPU_MACHINE: &str = "two cores of an AMD EPYC (AVX-512)";
 
 type Figures = (&'static str, &'static str, &'static [(&'static str, f64)]);
 
+/// Structure, set, operation and milliseconds.
+type Target = (&'static str, &'static str, &'static str, f64);
+
 const ON_GPU: &[Figures] = &[
     ("uniform-1m", "build", &[("ArborX", 0.83), ("cuBQL", 1.9)]),
     ("uniform-1m", "count", &[("ArborX", 3.1), ("cuBQL, sorted queries", 1.6), ("CUDA probe", 0.264)]),
@@ -38,6 +41,10 @@ const ON_GPU: &[Figures] = &[
     ("clustered-1m", "count", &[("ArborX", 34.5), ("cuBQL, sorted queries", 14.6)]),
     ("clustered-1m", "list", &[("ArborX", 56.0)]),
     ("clustered-1m", "build + list", &[("ArborX", 49.0)]),
+    ("uniform-1m", "kNN 16", &[("ArborX", 7.2), ("cuBQL", 5.8)]),
+    ("uniform-10m", "kNN 16", &[("ArborX", 60.0), ("cuBQL", 62.5)]),
+    ("shell-1m", "kNN 16", &[("ArborX", 5.7), ("cuBQL", 2.6)]),
+    ("clustered-1m", "kNN 16", &[("ArborX", 7.3), ("cuBQL", 6.8)]),
 ];
 
 const ON_CPU: &[Figures] = &[
@@ -49,16 +56,32 @@ const ON_CPU: &[Figures] = &[
     ("uniform-1m", "list", &[("kiddo", 4100.0)]),
     ("uniform-1m", "build + list", &[("TreeNSearch", 1100.0), ("kiddo", 4313.0), ("Open3D", 21100.0)]),
     ("uniform-1m", "count", &[("SciPy", 24300.0)]),
+    ("uniform-100k", "kNN 16", &[("kiddo", 222.0), ("pykdtree", 508.0)]),
+    ("uniform-1m", "kNN 16", &[("kiddo", 4600.0), ("pykdtree", 9400.0)]),
 ];
 
-const TARGETS_ON_GPU: &[(&str, &str, f64)] = &[
-    ("uniform-1m", "count", 0.24),
-    ("uniform-1m", "build + list", 0.9),
-    ("uniform-10m", "build + list", 10.0),
-    ("shell-1m", "build + list", 1.0),
+const TARGETS_ON_GPU: &[Target] = &[
+    ("uniform-grid", "uniform-1m", "count", 0.24),
+    ("uniform-grid", "uniform-1m", "build + list", 0.9),
+    ("uniform-grid", "uniform-10m", "build + list", 10.0),
+    ("uniform-grid", "shell-1m", "build + list", 1.0),
+    ("aabb-tree", "uniform-1m", "refit", 0.05),
+    ("aabb-tree", "uniform-10m", "refit", 0.2),
+    ("aabb-tree", "uniform-1m", "refit + list", 1.0),
+    ("aabb-tree", "uniform-1m", "build + list", 1.3),
+    ("aabb-tree", "uniform-10m", "build + list", 12.0),
+    ("aabb-tree", "clustered-1m", "count", 12.0),
+    ("aabb-tree", "shell-1m", "count", 0.5),
+    ("aabb-tree", "uniform-1m", "kNN 16", 2.5),
+    ("aabb-tree", "shell-1m", "kNN 16", 1.5),
+    ("aabb-tree", "uniform-10m", "kNN 16", 28.0),
 ];
 
-const TARGETS_ON_CPU: &[(&str, &str, f64)] = &[("uniform-1m", "build + list", 500.0)];
+const TARGETS_ON_CPU: &[Target] = &[
+    ("uniform-grid", "uniform-1m", "build + list", 500.0),
+    ("aabb-tree", "uniform-1m", "build + list", 500.0),
+    ("aabb-tree", "uniform-1m", "kNN 16", 2500.0),
+];
 
 /// Figures of other libraries for that operation on a GPU or on the CPU.
 pub(super) fn peers(set: &Set, operation: &str, on_gpu: bool) -> Vec<Peer> {
@@ -68,9 +91,9 @@ pub(super) fn peers(set: &Set, operation: &str, on_gpu: bool) -> Vec<Peer> {
 }
 
 /// Milliseconds we aim for on the machine of the figures.
-pub(super) fn target(set: &Set, operation: &str, on_gpu: bool) -> Option<f64> {
+pub(super) fn target(structure: &str, set: &Set, operation: &str, on_gpu: bool) -> Option<f64> {
     let (name, targets) = (set.to_string(), if on_gpu { TARGETS_ON_GPU } else { TARGETS_ON_CPU });
-    targets.iter().find(|t| t.0 == name && t.1 == operation).map(|t| t.2)
+    targets.iter().find(|t| t.0 == structure && t.1 == name && t.2 == operation).map(|t| t.3)
 }
 
 #[cfg(test)]
@@ -81,12 +104,12 @@ mod tests {
     fn every_figure_belongs_to_a_set_that_can_be_measured() {
         for (set, operation, figures) in ON_GPU.iter().chain(ON_CPU) {
             assert_eq!(set.parse::<Set>().expect("a set").to_string(), *set);
-            assert!(["build", "count", "list", "build + list"].contains(operation), "{operation}");
+            assert!(["build", "count", "list", "build + list", "kNN 16"].contains(operation), "{operation}");
             assert!(figures.iter().all(|f| f.1 > 0.0));
         }
-        for (set, operation, target) in TARGETS_ON_GPU.iter().chain(TARGETS_ON_CPU) {
+        for (i, (_, set, operation, target)) in TARGETS_ON_GPU.iter().chain(TARGETS_ON_CPU).enumerate() {
             let set: Set = set.parse().expect("a set");
-            let on_gpu = TARGETS_ON_GPU.iter().any(|t| t.2 == *target);
+            let on_gpu = i < TARGETS_ON_GPU.len();
             let best = peers(&set, operation, on_gpu).iter().map(|p| p.milliseconds).fold(f64::INFINITY, f64::min);
             assert!(*target < best, "{set} {operation}: the aim is to be faster than every peer");
         }

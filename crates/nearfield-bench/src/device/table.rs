@@ -89,8 +89,8 @@ impl Table {
             "Device: {} (driver: {}; host: {}). Commit {COMMIT}.\n\
              Median milliseconds by {clock}; every answer is checked in the same run.\n\
              Targets and peers are for {peers}.\n\n\
-             | set | operation | search | ms | fastest | wall ms | stages, ms | target | peers, ms | mean neighbours | structure MB | device peak MB |\n\
-             | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+             | set | structure | operation | search | ms | fastest | wall ms | stages, ms | target | peers, ms | mean neighbours | structure MB | device peak MB |\n\
+             | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
             machine.name, machine.driver, machine.host
         )
     }
@@ -142,7 +142,7 @@ impl Table {
             row.measured.as_ref().map_or(0, |m| m.runs).to_string(),
             row.structure_bytes.to_string(),
             row.peak_bytes.to_string(),
-            number(target(&row.set, row.operation, on_gpu).filter(|_| stage.is_none())),
+            number(target(row.structure, &row.set, row.operation, on_gpu).filter(|_| stage.is_none())),
             if stage.is_none() { peer_text(row, on_gpu) } else { String::new() },
             row.note.clone(),
             self.machine.name.clone(),
@@ -169,11 +169,13 @@ pub(super) fn markdown_row(row: &Row, machine: &Machine) -> String {
     if row.measured.is_some() && !row.note.is_empty() {
         stages.push(row.note.clone());
     }
-    let target = target(&row.set, row.operation, on_gpu).map_or_else(String::new, |ms| format!("≤ {ms}"));
+    let target =
+        target(row.structure, &row.set, row.operation, on_gpu).map_or_else(String::new, |ms| format!("≤ {ms}"));
     let megabytes = |bytes: u64| if bytes == 0 { String::new() } else { format!("{:.1}", bytes as f64 * 1e-6) };
     format!(
-        "| {} | {} | {} | {median} | {fastest} | {wall} | {} | {target} | {} | {:.2} | {} | {} |",
+        "| {} | {} | {} | {} | {median} | {fastest} | {wall} | {} | {target} | {} | {:.2} | {} | {} |",
         row.set,
+        row.structure,
         row.operation,
         row.search,
         stages.join(", "),
