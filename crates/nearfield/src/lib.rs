@@ -45,8 +45,8 @@ pub use query::{
     StructureChoice, Visitor,
 };
 pub use structure::{
-    BruteForce, CellState, DenseOctree, DenseOctreeSettings, GridSettings, LinearOctree, OctreeNode, OctreeSettings,
-    UniformGrid,
+    AabbTree, AabbTreeSettings, BruteForce, BuildOrder, CellState, DenseOctree, DenseOctreeSettings, GridSettings,
+    LinearOctree, OctreeNode, OctreeSettings, TreeSearch, UniformGrid,
 };
 #[cfg(feature = "gpu")]
-pub use structure::{GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuUniformGrid};
+pub use structure::{GpuAabbTree, GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuUniformGrid};

@@ -10,6 +10,7 @@ use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WR
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
 use nearfield::query::{Batch, KnnBatch};
+use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::BruteForceLayout;
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
 use nearfield::structure::uniform_grid::GridLayout;
@@ -283,6 +284,7 @@ fn twins() -> BTreeMap<&'static str, Layout> {
     let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
     BTreeMap::from([
         ("OctreeLayout", octree),
+        ("TreeLayout", layout_of!(TreeLayout { period, n_points, inverse_period, depth })),
         ("GridLayout", grid),
         ("Layout", brute_force),
         ("Batch", batch),
@@ -303,7 +305,8 @@ fn stored_twins() -> BTreeMap<&'static str, Layout> {
     let node =
         layout_of!(OctreeNode { low, level, first_point, end_point, first_child, rope, octant, parent, child_mask });
     let summary = layout_of!(OctreeSummary { n_nodes, n_outside, first_outside, is_overfull });
-    BTreeMap::from([("OctreeNode", node), ("Summary", summary)])
+    let aabb_node = layout_of!(AabbNode { low, first_point, high, end_point });
+    BTreeMap::from([("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node)])
 }
 
 /// The layout of a domain, whose fields are private: from where its values stand.

@@ -51,6 +51,21 @@ impl OrderedPoints {
         ordered
     }
 
+    /// Moves every point; the order stays.
+    ///
+    /// - `points`: `[len]` new positions in the caller's order
+    ///
+    /// # Panics
+    /// If there is not one position a point.
+    pub fn move_to(&mut self, points: &[Vec3]) {
+        assert_eq!(points.len(), self.len, "there should be one position a point");
+        let ids = &self.ids[..self.len];
+        for (axis, column) in [&mut self.x, &mut self.y, &mut self.z].into_iter().enumerate() {
+            let places = column[..self.len].par_iter_mut().zip(ids).with_min_len(1 << 14);
+            places.for_each(|(value, &id)| *value = points[id as usize][axis]);
+        }
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         self.len
@@ -105,5 +120,9 @@ mod tests {
         assert_eq!(ordered.position(0), points[2]);
         assert_eq!(ordered.ids(), [2, 0, 1]);
         assert_eq!(ordered.bounds(1..3), Aabb::new(Vec3::ZERO, Vec3::ONE));
+        let mut moved = ordered;
+        moved.move_to(&[Vec3::X, Vec3::Y, Vec3::Z]);
+        assert_eq!([0, 1, 2].map(|place| moved.position(place)), [Vec3::Z, Vec3::X, Vec3::Y]);
+        assert_eq!(moved.ids(), [2, 0, 1]);
     }
 }

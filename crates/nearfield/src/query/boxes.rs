@@ -104,18 +104,11 @@ pub trait BoxSearch {
 trait SpansInBox: CpuStructure {
     /// Spans that together hold all points in the box, each once, and whether all points of the span are inside.
     fn spans_in(&self, aabb: &Aabb, visit: impl FnMut(Range<usize>, bool));
-
-    /// What answers, in words.
-    fn search(&self) -> &'static str;
 }
 
 impl SpansInBox for BruteForce {
     fn spans_in(&self, _: &Aabb, mut visit: impl FnMut(Range<usize>, bool)) {
         visit(0..CpuStructure::points(self).len(), false);
-    }
-
-    fn search(&self) -> &'static str {
-        "all-pairs"
     }
 }
 
@@ -123,17 +116,13 @@ impl SpansInBox for LinearOctree {
     fn spans_in(&self, aabb: &Aabb, visit: impl FnMut(Range<usize>, bool)) {
         self.spans_in_box(aabb, visit);
     }
-
-    fn search(&self) -> &'static str {
-        "octants"
-    }
 }
 
 /// Boxes that a thread takes at a time, at least.
 const FEW_BOXES: usize = 16;
 
 fn report<S: SpansInBox>(structure: &S) -> Report {
-    Report { search: structure.search(), ..cpu::report::<S>("boxes") }
+    cpu::report(structure, "boxes")
 }
 
 fn count<S: SpansInBox>(structure: &S, boxes: &[Aabb]) -> Vec<u32> {

@@ -37,14 +37,19 @@ pub enum StructureChoice {
     UniformGrid,
     /// [`LinearOctree`](crate::LinearOctree).
     LinearOctree,
+    /// [`AabbTree`](crate::AabbTree).
+    AabbTree,
 }
 
 impl StructureChoice {
     /// Every structure there is, without `Auto`.
-    pub const ALL: [Self; 3] = [Self::BruteForce, Self::UniformGrid, Self::LinearOctree];
+    pub const ALL: [Self; 4] = [Self::BruteForce, Self::UniformGrid, Self::LinearOctree, Self::AabbTree];
 
-    /// The tree that `Auto` builds.
-    const TREE: Self = Self::LinearOctree;
+    /// The tree that `Auto` builds where cells of one size do not fit.
+    const TREE: Self = Self::AabbTree;
+
+    /// The tree that `Auto` builds for the nearest.
+    const NEAREST: Self = Self::LinearOctree;
 
     /// The structure's name.
     pub fn name(self) -> &'static str {
@@ -53,12 +58,13 @@ impl StructureChoice {
             Self::BruteForce => "brute-force",
             Self::UniformGrid => "uniform-grid",
             Self::LinearOctree => "linear-octree",
+            Self::AabbTree => "aabb-tree",
         }
     }
 
     /// Whether it finds the nearest points without a radius.
     pub fn finds_nearest(self) -> bool {
-        self != Self::UniformGrid
+        !matches!(self, Self::UniformGrid | Self::AabbTree)
     }
 }
 
@@ -69,7 +75,7 @@ impl FromStr for StructureChoice {
         std::iter::once(Self::Auto).chain(Self::ALL).find(|c| c.name() == text).ok_or_else(|| Error::InvalidSetting {
             setting: "structure",
             found: text.into(),
-            expected: "auto, brute-force, uniform-grid or linear-octree",
+            expected: "auto, brute-force, uniform-grid, linear-octree or aabb-tree",
         })
     }
 }
@@ -128,11 +134,12 @@ pub(super) fn choose(points: &[Vec3], purpose: &Purpose<'_>, period: &Period) ->
     } else {
         match purpose {
             Purpose::Knn(Knn { k, radius: None, .. }) => {
-                (StructureChoice::TREE, format!("the {k} nearest have no radius to size cells by"))
+                (StructureChoice::NEAREST, format!("the {k} nearest have no radius to size cells by"))
             }
-            Purpose::Knn(Knn { k, .. }) => {
-                (StructureChoice::TREE, format!("a tree finds the {k} nearest without testing all within the radius"))
-            }
+            Purpose::Knn(Knn { k, .. }) => (
+                StructureChoice::NEAREST,
+                format!("a tree finds the {k} nearest without testing all within the radius"),
+            ),
             Purpose::FixedRadius(question) => by_radius(points, question, period),
         }
     };
@@ -243,7 +250,7 @@ mod tests {
         let points = cloud(CloudKind::Uniform, 2000, 7).points;
         for question in [Knn::new(8), Knn::new(8).within(0.1)] {
             let (structure, reason) = chosen(&points, &question);
-            assert!(structure == StructureChoice::TREE && reason.contains("the 8 nearest"), "{reason}");
+            assert!(structure == StructureChoice::NEAREST && reason.contains("the 8 nearest"), "{reason}");
         }
         let by = |ratio: f32| (0..2000).map(|i| if i % 3 == 0 { 0.02 * ratio } else { 0.02 }).collect::<Vec<f32>>();
         let choice = |radii: &[f32]| choose(&points, &(&FixedRadius::each(radii)).into(), &Period::NONE);

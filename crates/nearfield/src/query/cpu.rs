@@ -130,10 +130,10 @@ fn device_name() -> String {
     format!("cpu ({} threads, {})", rayon::current_num_threads(), Simd::best().name())
 }
 
-pub(super) fn report<S: CpuStructure>(kernel: &str) -> Report {
+pub(super) fn report<S: CpuStructure>(structure: &S, kernel: &str) -> Report {
     Report {
         structure: S::NAME,
-        search: S::SEARCH,
+        search: structure.search(),
         device: device_name(),
         kernels: vec![kernel.to_owned()],
         batches: 1,
@@ -175,7 +175,7 @@ impl<S: CpuStructure> NeighborSearch for S {
         for (id, count) in made.into_iter().flatten() {
             counts[id as usize] = count;
         }
-        let mut report = report::<S>("row_simd::count");
+        let mut report = report(self, "row_simd::count");
         report.host_stage("query", start);
         Ok(Counts { counts, report })
     }
@@ -192,7 +192,7 @@ impl<S: CpuStructure> NeighborSearch for S {
         let Some(made) = made else {
             return Err(too_large(self, question)?);
         };
-        let mut report = report::<S>("row_simd::collect");
+        let mut report = report(self, "row_simd::collect");
         report.host_stage("query", start);
         let start = Instant::now();
         let mut neighbors = rows::assemble(made, n_queries, question.distances)?;
@@ -228,7 +228,7 @@ impl<S: CpuStructure> NeighborSearch for S {
                 dist2[id as usize] = d2;
             }
         }
-        let mut report = report::<S>("row_simd::collect");
+        let mut report = report(self, "row_simd::collect");
         report.host_stage("query", start);
         Ok(Nearest { indices, dist2, report })
     }
@@ -289,7 +289,7 @@ pub trait ListRows: CpuStructure {
             return Err(too_large(self, question)?);
         };
         let mut rows = rows::concatenate(&made, question.len(self.points().len()))?;
-        rows.report = report::<Self>("row_simd::collect");
+        rows.report = report(self, "row_simd::collect");
         rows.report.host_stage("query", start);
         Ok(rows)
     }

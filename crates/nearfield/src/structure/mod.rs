@@ -10,13 +10,18 @@ use glam::Vec3;
 
 use crate::geometry::{Aabb, OrderedPoints, Period};
 
+pub mod aabb_tree;
 pub mod brute_force;
 pub mod dense_octree;
 pub mod linear_octree;
 #[cfg(feature = "gpu")]
 mod on_gpu;
+mod packing;
 pub mod uniform_grid;
 
+pub use aabb_tree::{AabbTree, AabbTreeSettings, BuildOrder, TreeSearch, TreeShape};
+#[cfg(feature = "gpu")]
+pub use aabb_tree::{AabbTreeBuilder, GpuAabbTree};
 pub use brute_force::BruteForce;
 #[cfg(feature = "gpu")]
 pub use brute_force::GpuBruteForce;
@@ -57,8 +62,9 @@ impl BuildStage {
 pub trait CpuStructure: Sync {
     /// Name of the structure, in lower case with hyphens.
     const NAME: &'static str;
+
     /// Name of the way it is searched.
-    const SEARCH: &'static str;
+    fn search(&self) -> &'static str;
 
     /// The points in the structure's order.
     fn points(&self) -> &OrderedPoints;

@@ -4,14 +4,14 @@ use std::ops::ControlFlow;
 
 use nearfield::geometry::Period;
 use nearfield::{
-    Aabb, BoxSearch, Boxes, BruteForce, Counts, Curve, FixedRadius, ForEachNeighbor, GridSettings, Knn, KnnSearch,
-    LinearOctree, NearestNeighbors, Neighbor, NeighborSearch, Neighbors, OctreeSettings, Report, Result, UniformGrid,
-    Vec3,
+    Aabb, AabbTree, AabbTreeSettings, BoxSearch, Boxes, BruteForce, BuildOrder, Counts, Curve, FixedRadius,
+    ForEachNeighbor, GridSettings, Knn, KnnSearch, LinearOctree, NearestNeighbors, Neighbor, NeighborSearch, Neighbors,
+    OctreeSettings, Report, Result, TreeSearch, UniformGrid, Vec3,
 };
 #[cfg(feature = "gpu")]
 use nearfield::{
     query::{ForEachOnDevice, Visitor as DeviceVisitor},
-    structure::{GpuBruteForce, GpuLinearOctree, GpuUniformGrid},
+    structure::{GpuAabbTree, GpuBruteForce, GpuLinearOctree, GpuUniformGrid},
 };
 
 use crate::cases::Case;
@@ -130,6 +130,7 @@ macro_rules! on_cpu {
 on_cpu!(BruteForce, |_| None, knn, boxes);
 on_cpu!(UniformGrid, UniformGrid::broken_invariant);
 on_cpu!(LinearOctree, LinearOctree::broken_invariant, knn, boxes);
+on_cpu!(AabbTree, AabbTree::broken_invariant);
 
 /// Settings of a grid over a plan.
 type Settings = fn(&Plan<'_>) -> GridSettings;
@@ -158,6 +159,31 @@ const OCTREES: &[(&str, OctreeSettings)] = &[
     ("leaves-of-500-to-level-4", OctreeSettings { leaf_capacity: 500, max_level: 4, ..OctreeSettings::DEFAULT }),
 ];
 
+/// Builds of the AABB-tree; the first word is the search.
+const TREES: &[(&str, AabbTreeSettings)] = &[
+    ("packed", AabbTreeSettings::DEFAULT),
+    ("primary", AabbTreeSettings { search: TreeSearch::Primary, ..AabbTreeSettings::DEFAULT }),
+    ("coherent", AabbTreeSettings { search: TreeSearch::Coherent, ..AabbTreeSettings::DEFAULT }),
+    (
+        "packed along-hilbert-leaves-of-3",
+        AabbTreeSettings { bucket_size: 3, order: BuildOrder::Hilbert, ..AabbTreeSettings::DEFAULT },
+    ),
+];
+
+macro_rules! tree_on_cpu {
+    ($number:literal) => {
+        Subject {
+            structure: "aabb-tree",
+            device: Device::Cpu,
+            variant: TREES[$number].0,
+            build: |plan| {
+                let settings = TREES[$number].1.periodic(plan.period);
+                Ok(Box::new(AabbTree::build(plan.points, &settings)?))
+            },
+        }
+    };
+}
+
 macro_rules! octree_on_cpu {
     ($number:literal) => {
         Subject {
@@ -167,6 +193,21 @@ macro_rules! octree_on_cpu {
             build: |plan| {
                 let settings = OCTREES[$number].1.periodic(plan.period);
                 Ok(Box::new(LinearOctree::build(plan.points, &settings)?))
+            },
+        }
+    };
+}
+
+#[cfg(feature = "gpu")]
+macro_rules! tree_on_gpu {
+    ($number:literal) => {
+        Subject {
+            structure: "aabb-tree",
+            device: Device::Gpu,
+            variant: TREES[$number].0,
+            build: |plan| {
+                let settings = TREES[$number].1.periodic(plan.period);
+                Ok(Box::new(GpuAabbTree::build(device(), plan.points, &settings)?))
             },
         }
     };
@@ -231,6 +272,11 @@ on_gpu!(GpuBruteForce, |_| None, knn);
 #[cfg(feature = "gpu")]
 on_gpu!(GpuUniformGrid, |_| None);
 #[cfg(feature = "gpu")]
+on_gpu!(GpuAabbTree, |tree: &GpuAabbTree| match tree.read() {
+    Ok(tree) => tree.broken_invariant(),
+    Err(error) => Some(error.to_string()),
+});
+#[cfg(feature = "gpu")]
 on_gpu!(
     GpuLinearOctree,
     |tree: &GpuLinearOctree| match tree.read() {
@@ -279,6 +325,10 @@ pub(crate) const SUBJECTS: &[Subject] = &[
     octree_on_cpu!(0),
     octree_on_cpu!(1),
     octree_on_cpu!(2),
+    tree_on_cpu!(0),
+    tree_on_cpu!(1),
+    tree_on_cpu!(2),
+    tree_on_cpu!(3),
     #[cfg(feature = "gpu")]
     Subject {
         structure: "brute-force",
@@ -298,6 +348,12 @@ pub(crate) const SUBJECTS: &[Subject] = &[
     grid_on_gpu!(4),
     #[cfg(feature = "gpu")]
     grid_on_gpu!(5),
+    #[cfg(feature = "gpu")]
+    tree_on_gpu!(0),
+    #[cfg(feature = "gpu")]
+    tree_on_gpu!(1),
+    #[cfg(feature = "gpu")]
+    tree_on_gpu!(3),
     #[cfg(feature = "gpu")]
     octree_on_gpu!(0),
     #[cfg(feature = "gpu")]
@@ -369,6 +425,7 @@ impl Subject {
                     "brute-force" => "all-pairs",
                     "linear-octree" if asked == Asked::Knn => "nearest-octants",
                     "linear-octree" => "octants",
+                    "aabb-tree" => self.variant.split(' ').next().expect("a variant should have a word"),
                     _ => "row-runs",
                 };
                 let kernel = match asked {

@@ -10,7 +10,7 @@ use crate::Result;
 use crate::gpu::shader::Fill;
 use crate::gpu::{Access, Bind, Buffer, StageTime};
 use crate::query::{Clock, Counts, FixedRadius, Nearest, NeighborSearch, Neighbors, Report, Stage};
-use crate::structure::{GpuBruteForce, GpuLinearOctree, GpuStructure, GpuUniformGrid};
+use crate::structure::{GpuAabbTree, GpuBruteForce, GpuLinearOctree, GpuStructure, GpuUniformGrid};
 
 pub(super) const COUNT: VisitorCode<'static> = VisitorCode {
     source: Fill::Module("package::query::count"),
@@ -157,4 +157,4 @@ macro_rules! search_on_gpu {
     )*};
 }
 
-search_on_gpu!(GpuBruteForce, GpuUniformGrid, GpuLinearOctree);
+search_on_gpu!(GpuBruteForce, GpuUniformGrid, GpuLinearOctree, GpuAabbTree);

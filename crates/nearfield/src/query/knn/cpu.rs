@@ -93,7 +93,7 @@ impl KnnSearch for LinearOctree {
             made
         };
         let made: Vec<TaskRows> = cpu::tasks(packs).into_par_iter().map(find).collect();
-        let mut report = cpu::report::<Self>("row_simd::collect");
+        let mut report = cpu::report(self, "row_simd::collect");
         report.search = "nearest-octants";
         report.host_stage("query", start);
         let start = Instant::now();

@@ -49,7 +49,10 @@ fn runs(n: usize) -> Vec<u32> {
 
 impl CpuStructure for BruteForce {
     const NAME: &'static str = "brute-force";
-    const SEARCH: &'static str = "all-pairs";
+
+    fn search(&self) -> &'static str {
+        "all-pairs"
+    }
 
     fn points(&self) -> &OrderedPoints {
         &self.points

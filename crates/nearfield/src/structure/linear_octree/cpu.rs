@@ -15,7 +15,7 @@ use crate::Result;
 use crate::curve::{Curve, Domain, MAX_LEVEL};
 use crate::geometry::{Aabb, OrderedPoints, Period};
 use crate::parallel::{radix_sort, reduce};
-use crate::structure::{BuildStage, CpuStructure, Packed};
+use crate::structure::{BuildStage, CpuStructure, Packed, packing};
 
 /// Most points of a pack: enough to share the look-up of spans, few enough to keep the pack's box small.
 const PACK: usize = 64;
@@ -195,7 +195,10 @@ fn packs(nodes: &[OctreeNode], n: usize) -> Vec<u32> {
 
 impl CpuStructure for LinearOctree {
     const NAME: &'static str = "linear-octree";
-    const SEARCH: &'static str = "octants";
+
+    fn search(&self) -> &'static str {
+        "octants"
+    }
 
     fn points(&self) -> &OrderedPoints {
         &self.points
@@ -211,23 +214,7 @@ impl CpuStructure for LinearOctree {
 
     /// Along the same curve, cut where the octants of the points' packs would be.
     fn pack_queries(&self, queries: &[Vec3]) -> Result<Packed> {
-        let mut keys: Vec<u32> = keys_of(queries, self.domain(), self.curve(), |key| (key >> 33) as u32);
-        let mut order: Vec<u32> = (0..queries.len() as u32).collect();
-        radix_sort::sort_pairs(&mut keys, &mut order, 0..3 * NARROW_LEVELS)?;
-        // Eight times fewer cells than packs of the points, if those were spread evenly.
-        let level = (self.packs.len() as u32).max(1).ilog2().div_ceil(3).min(NARROW_LEVELS);
-        let mut packs: Vec<u32> = Vec::new();
-        for place in 0..keys.len() {
-            let starts = packs.last().is_none_or(|&first| {
-                let first = first as usize;
-                place - first >= PACK || keys[first].common_levels(keys[place]) < level
-            });
-            if starts {
-                packs.push(place as u32);
-            }
-        }
-        packs.push(queries.len() as u32);
-        Ok(Packed { order, packs })
+        packing::along_curve(queries, self.domain(), self.curve(), self.packs.len(), PACK)
     }
 
     fn spans_near(&self, region: &Aabb, radius: f32, spans: &mut Vec<Range<usize>>) {

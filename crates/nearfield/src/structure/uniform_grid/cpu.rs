@@ -118,7 +118,10 @@ fn packs(layout: &GridLayout, n: usize, position: impl Fn(usize) -> Vec3 + Sync)
 
 impl CpuStructure for UniformGrid {
     const NAME: &'static str = "uniform-grid";
-    const SEARCH: &'static str = "row-runs";
+
+    fn search(&self) -> &'static str {
+        "row-runs"
+    }
 
     fn points(&self) -> &OrderedPoints {
         &self.points

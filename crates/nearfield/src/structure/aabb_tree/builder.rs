@@ -1,0 +1,135 @@
+//! The order of the dispatches that build a tree on the device, along the Hilbert curve.
+//!
+//! Two submissions: bounds of the points, which the host reads to choose the domain of the curve; then keys, sort, gather
+//! and boxes.
+
+use glam::Vec3;
+
+use super::fitter::Fitter;
+use super::gpu::GpuAabbTree;
+use super::settings::{AabbTreeSettings, BuildOrder};
+use super::shape::TreeShape;
+use crate::curve::{Curve, Domain, GpuCurveOrder};
+use crate::geometry::Aabb;
+use crate::gpu::{Buffer, Gpu, Workgroups};
+use crate::parallel::reduce::{GpuBounds, GpuReduce};
+use crate::structure::on_gpu::{DevicePoint, device_points};
+use crate::structure::{AabbTree, BuildStage};
+use crate::{Error, Result};
+
+/// Everything that builds of trees of one size share: pipelines and scratch memory. Keep it to build again as points move.
+#[derive(Debug)]
+pub struct AabbTreeBuilder {
+    gpu: Gpu,
+    settings: AabbTreeSettings,
+    shape: TreeShape,
+    reduce: GpuReduce,
+    bounds: Buffer<GpuBounds>,
+    curve: GpuCurveOrder,
+    order: Buffer<u32>,
+}
+
+impl AabbTreeBuilder {
+    /// A builder for `n_points` points.
+    ///
+    /// # Errors
+    /// `InvalidSetting`; `TooMany` for more than 2³¹ points, `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn new(gpu: &Gpu, n_points: usize, settings: &AabbTreeSettings) -> Result<Self> {
+        settings.validate()?;
+        let curve = GpuCurveOrder::new(gpu, Curve::Hilbert, n_points)?;
+        Ok(Self {
+            gpu: gpu.clone(),
+            settings: *settings,
+            shape: TreeShape::new(n_points as u32, settings.bucket_size),
+            reduce: GpuReduce::new(gpu)?,
+            bounds: gpu.buffer("bounds of points", 1)?,
+            curve,
+            order: gpu.buffer("order of points", n_points)?,
+        })
+    }
+
+    /// Builds the tree of these points, which may have moved since the last build.
+    ///
+    /// With [`BuildOrder::Median`] the points are read back and put in order on the CPU.
+    ///
+    /// - `points`: `[n]` xyz, and the index that answers use as bits of w: i for the point at i
+    ///
+    /// # Errors
+    /// `LengthMismatch` for another number of points, `NonFinite`, `CoordinateTooLarge`, `OutOfDeviceMemory`,
+    /// `DeviceLost`.
+    pub fn build(&mut self, points: &Buffer<DevicePoint>) -> Result<GpuAabbTree> {
+        let n = self.shape.n_points();
+        if points.len() != n {
+            let (found, expected) = (points.len() as u64, n as u64);
+            return Err(Error::LengthMismatch { what: "points to build a tree of", found, expected });
+        }
+        if self.settings.order == BuildOrder::Median {
+            let points: Vec<Vec3> = self.gpu.read(points)?.iter().map(|p| Vec3::new(p[0], p[1], p[2])).collect();
+            return GpuAabbTree::upload(&self.gpu, &AabbTree::build(&points, &self.settings)?);
+        }
+        let mut commands = self.gpu.commands("bounds of points");
+        commands.stage("bounds");
+        self.reduce.record_bounds(&mut commands, points, n, &self.bounds)?;
+        let mut stages: Vec<BuildStage> = commands.run()?.iter().filter_map(BuildStage::on_device).collect();
+        let bounds = self.searchable_bounds(points)?;
+        let fitter = Fitter::new(&self.gpu, self.shape, self.settings.period)?;
+        let ordered = self.gpu.buffer("points of a tree", n)?;
+        let ids = self.gpu.buffer("indices of a tree", n)?;
+        let nodes = self.gpu.buffer("nodes of a tree", self.shape.n_nodes())?;
+        let mut commands = self.gpu.commands("aabb tree");
+        self.curve.record(&mut commands, &Domain::of_bounds(&bounds), points, &self.order, n)?;
+        commands.stage("gather").dispatch(
+            &fitter.gather_points,
+            &[(&fitter.n_points).into(), points.into(), (&self.order).into(), (&ordered).into(), (&ids).into()],
+            Workgroups::Covering(n as u64),
+        );
+        commands.stage("fit");
+        fitter.record(&mut commands, &ordered, &nodes);
+        stages.extend(commands.run()?.iter().filter_map(BuildStage::on_device));
+        Ok(GpuAabbTree::from_parts(&self.gpu, self.settings, self.shape, ordered, ids, nodes, fitter, stages))
+    }
+
+    /// The bounds that were found, if all points can be searched.
+    fn searchable_bounds(&self, points: &Buffer<DevicePoint>) -> Result<Aabb> {
+        let found = self.gpu.read(&self.bounds)?[0];
+        let corner = |c: [f32; 4]| Vec3::new(c[0], c[1], c[2]);
+        let (bounds, what) = (Aabb::new(corner(found.min), corner(found.max)), "points");
+        if found.n_non_finite > 0 {
+            let (count, first) = (u64::from(found.n_non_finite), u64::from(found.first_non_finite));
+            return Err(Error::NonFinite { what, count, first });
+        }
+        let limit = crate::geometry::validate::MAX_COORDINATE;
+        if !bounds.is_empty() && bounds.min.abs().max(bounds.max.abs()).max_element() > limit {
+            // The slow way to the message.
+            let points: Vec<Vec3> = self.gpu.read(points)?.iter().map(|p| Vec3::new(p[0], p[1], p[2])).collect();
+            crate::geometry::validate::coordinates(what, &points)?;
+        }
+        Ok(bounds)
+    }
+}
+
+/// Query points on the device, sorted along the Hilbert curve through the bounds of a tree; queries outside count to the
+/// border.
+pub(super) fn sorted_queries(
+    gpu: &Gpu,
+    queries: &[Vec3],
+    bounds: &Aabb,
+    fitter: &Fitter,
+) -> Result<Buffer<DevicePoint>> {
+    let n = queries.len();
+    let input = gpu.upload("queries", &device_points(queries, 0))?;
+    let curve = GpuCurveOrder::new(gpu, Curve::Hilbert, n)?;
+    let order = gpu.buffer("order of queries", n)?;
+    let sorted = gpu.buffer("sorted queries", n)?;
+    let ids: Buffer<u32> = gpu.buffer("indices of sorted queries", n)?;
+    let n_queries = gpu.uniform("number of queries", &[n as u32, 0, 0, 0])?;
+    let mut commands = gpu.commands("sort queries");
+    curve.record(&mut commands, &Domain::of_bounds(bounds), &input, &order, n)?;
+    commands.dispatch(
+        &fitter.gather_points,
+        &[(&n_queries).into(), (&input).into(), (&order).into(), (&sorted).into(), (&ids).into()],
+        Workgroups::Covering(n as u64),
+    );
+    commands.submit()?;
+    Ok(sorted)
+}

@@ -1,0 +1,42 @@
+//! How much a traversal of the tree on a device can have to do: bounds for devices that end long loops.
+
+use rayon::prelude::*;
+
+use super::AabbTree;
+use crate::geometry::Aabb;
+use crate::structure::Effort;
+
+/// Invocations that may run in step on a device that does not say how many do.
+pub(super) const MOST_IN_STEP: u32 = 64;
+
+/// Upper bounds for balls of this radius around the points, or around any place within `queries`; `in_step` of them are
+/// answered together, and under `packed` go through the tree together.
+pub(super) fn most(tree: &AabbTree, radius: f32, queries: Option<&Aabb>, in_step: u32, packed: bool) -> Effort {
+    let (n_nodes, n_leaves) = (tree.boxes.len() as u64, tree.shape.n_leaves() as u64);
+    let in_step = u64::from(in_step);
+    // A loop over a leaf takes up to two rounds more than full ones.
+    let everything = Effort { candidates: tree.points.len() as u64, rounds: n_nodes + 2 * n_leaves };
+    // Apart, invocations need not be in leaves at the same time.
+    let apart = if packed { 1 } else { in_step };
+    let times =
+        |effort: Effort, factor: u64| Effort { candidates: effort.candidates * factor, rounds: effort.rounds * factor };
+    if queries.is_some() || packed {
+        return times(everything, apart);
+    }
+    // What the region around a leaf meets is no less than what a ball around one of its points does.
+    let of_leaf = |leaf: usize| {
+        let mut spans = Vec::new();
+        let region = tree.region_near(&tree.boxes[leaf].to_aabb(), radius);
+        let visited = tree.spans_in(&region, &mut spans) as u64;
+        let candidates = spans.iter().map(|span| span.len() as u64).sum::<u64>();
+        // Nodes inside the region were not entered; the kernel enters them.
+        let smallest = (tree.points.len() as u64 / n_leaves).max(1);
+        let leaves = (candidates / smallest + spans.len() as u64).min(n_leaves);
+        Effort { candidates, rounds: (visited + 2 * leaves).min(n_nodes) + 2 * leaves }
+    };
+    let larger =
+        |a: Effort, b: Effort| Effort { candidates: a.candidates.max(b.candidates), rounds: a.rounds.max(b.rounds) };
+    let none = Effort { candidates: 0, rounds: 0 };
+    let largest = tree.shape.leaves().into_par_iter().map(of_leaf).reduce(|| none, larger);
+    times(largest, in_step)
+}
