@@ -62,7 +62,7 @@ pub(crate) struct NeighborsArgs {
     #[arg(long, value_name = "D", default_value = "auto")]
     device: DeviceChoice,
 
-    /// What to search in: auto, brute-force, uniform-grid or linear-octree
+    /// What to search in: auto, brute-force, uniform-grid, linear-octree or aabb-tree
     #[arg(long, value_name = "S", default_value = "auto")]
     structure: StructureChoice,
 

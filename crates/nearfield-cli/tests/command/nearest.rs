@@ -55,9 +55,11 @@ fn the_nearest_are_those_of_a_plain_loop() {
         assert_eq!(ask("--knn 6 --radius 0.75"), by_loop(&points, &points, 6, |_| 0.75, true), "{structure}");
         assert_eq!(ask("--knn 3 --radius 0"), by_loop(&points, &points, 3, |_| 0.0, true), "{structure}");
     }
-    // A grid has no search for the nearest, but lists that are cut.
-    let cut = folder.ok("neighbors points.xyz --device cpu --structure uniform-grid --knn 6 --radius 0.75 -o - -q");
-    assert_eq!(cut, by_loop(&points, &points, 6, |_| 0.75, true));
+    // Structures without a search for the nearest have lists that are cut.
+    for structure in ["uniform-grid", "aabb-tree"] {
+        let ask = format!("neighbors points.xyz --device cpu --structure {structure} --knn 6 --radius 0.75 -o - -q");
+        assert_eq!(folder.ok(&ask), by_loop(&points, &points, 6, |_| 0.75, true), "{structure}");
+    }
 }
 
 #[test]
@@ -147,7 +149,7 @@ fn each_query_has_the_radius_of_its_line() {
     let expected =
         "query,neighbor,distance\n0,0,0\n0,1,0.5\n1,1,0\n2,0,1\n2,1,1.118034\n2,2,0\n3,0,100\n3,1,99.5\n3,3,0\n";
     for file in ["radii.txt", "radii32.npy", "radii64.npy"] {
-        for structure in ["brute-force", "uniform-grid", "linear-octree"] {
+        for structure in ["brute-force", "uniform-grid", "linear-octree", "aabb-tree"] {
             let ask =
                 format!("neighbors four.xyz --radii {file} --device cpu --structure {structure} --sort index -o -");
             assert_eq!(folder.ok(&ask), expected, "{file}, {structure}");

@@ -9,7 +9,8 @@ use super::{Counts, FixedRadius, Knn, KnnSearch, Nearest, NearestNeighbors, Neig
 use crate::geometry::{Period, validate};
 use crate::gpu::{AdapterKind, DeviceChoice, Gpu};
 use crate::structure::{
-    BruteForce, GpuBruteForce, GpuLinearOctree, GpuUniformGrid, GridSettings, LinearOctree, OctreeSettings, UniformGrid,
+    AabbTree, AabbTreeSettings, BruteForce, BuildOrder, GpuAabbTree, GpuBruteForce, GpuLinearOctree, GpuUniformGrid,
+    GridSettings, LinearOctree, OctreeSettings, UniformGrid,
 };
 use crate::{Error, Result};
 
@@ -49,6 +50,8 @@ structures! {
     GpuUniformGrid: |_| None;
     LinearOctree: |structure| Some(structure);
     GpuLinearOctree: |structure| Some(structure);
+    AabbTree: |structure| Some(structure);
+    GpuAabbTree: |structure| Some(structure);
 }
 
 /// A structure on a device, ready for questions.
@@ -186,6 +189,9 @@ impl Index {
             StructureChoice::LinearOctree => {
                 Box::new(LinearOctree::build(points, &OctreeSettings::default().periodic(period))?)
             }
+            StructureChoice::AabbTree => {
+                Box::new(AabbTree::build(points, &AabbTreeSettings::default().periodic(period))?)
+            }
         })
     }
 
@@ -197,6 +203,11 @@ impl Index {
             }
             StructureChoice::LinearOctree => {
                 Box::new(GpuLinearOctree::build(gpu, points, &OctreeSettings::default().periodic(period))?)
+            }
+            StructureChoice::AabbTree => {
+                // Asked a few times at most: a build where the points are gains more than tighter boxes.
+                let settings = AabbTreeSettings::default().order(BuildOrder::Hilbert).periodic(period);
+                Box::new(GpuAabbTree::build(gpu, points, &settings)?)
             }
         })
     }
