@@ -15,12 +15,14 @@ pub mod exact;
 pub mod kd_tree_cpu;
 mod kernels;
 pub mod lsh;
+mod methods;
 pub mod points;
 pub mod recall;
 pub mod rows;
 pub mod shifted_sort;
 
-pub use command::{Arguments, Row, measure, run};
+pub use command::{Arguments, measure, run};
+pub use methods::Row;
 pub use points::{Points, Queries};
 pub use rows::{KnnRows, RangeRows, Timed};
 

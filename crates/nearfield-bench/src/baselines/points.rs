@@ -28,7 +28,7 @@ impl Points {
             return Err(Error::InvalidSetting { setting, found: dimension.to_string(), expected });
         }
         let (n, len) = (coordinates.len() / dimension, coordinates.len() as u64);
-        if coordinates.len() % dimension != 0 {
+        if !coordinates.len().is_multiple_of(dimension) {
             let expected = ((n + 1) * dimension) as u64;
             return Err(Error::LengthMismatch { what: "coordinates", found: len, expected });
         }

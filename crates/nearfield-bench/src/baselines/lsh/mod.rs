@@ -14,7 +14,7 @@
 //! bucket, of which a query looks at the first `bucket_limit` points.
 //!
 //! Invariants: the same seed and points give the same tables; a candidate counts in the first table in which it shares
-//! the query's hash and nowhere else; so each is met once. [`reference`] is the same definition, written plainly.
+//! the query's hash and nowhere else; so each is met once. [`mod@reference`] is the same definition, written plainly.
 
 mod family;
 mod gpu;

@@ -14,7 +14,7 @@
 //! Cost: a sort of n keys and 2 · `window` distances a query for each shift; 36 bytes a point and 8 a place of a row.
 //!
 //! Invariants of an answer: rows are in query order, nearest first, ties by lower index; each point comes once; a point is
-//! in a row if it is among the `k` nearest of those met. [`reference`] is the same definition, written plainly.
+//! in a row if it is among the `k` nearest of those met. [`mod@reference`] is the same definition, written plainly.
 
 mod gpu;
 pub mod reference;
