@@ -212,6 +212,7 @@ fn table_is_complete(choice: &DeviceChoice, operations: &[&str]) {
     let (csv, markdown) = (folder.0.join("table.csv"), folder.0.join("table.md"));
     let arguments = device::Arguments {
         structures: vec![device::Structure::UniformGrid, device::Structure::AabbTree],
+        bucket: 20,
         device: choice.clone(),
         sets: ["uniform-2k", "shell-1k", "clustered-1k"].map(|set| set.parse().expect("a set")).to_vec(),
         repeat: Some(2),

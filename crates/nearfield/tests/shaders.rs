@@ -282,7 +282,20 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         farthest
     });
     let brute_force = layout_of!(BruteForceLayout { period, n_points, inverse_period, padding });
-    let batch = with_single_words(layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, padding }));
+    let batch = layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, in_parts, level, padding });
+    let run = layout_of!(KnnRun {
+        count,
+        first_id,
+        exclude_self,
+        own_radius,
+        radius,
+        k,
+        first,
+        in_parts,
+        level,
+        are_points,
+        padding
+    });
     let knn = layout_of!(KnnBatch { count, first_id, exclude_self, own_radius, radius, k, padding });
     let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
     BTreeMap::from([
@@ -291,7 +304,7 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         ("GridLayout", grid),
         ("Layout", brute_force),
         ("Batch", batch),
-        ("KnnRun", layout_of!(KnnRun { count, first_id, exclude_self, own_radius, radius, k, first, padding })),
+        ("KnnRun", with_single_words(run)),
         ("KnnBatch", with_single_words(knn)),
         ("Domain", domain()),
     ])

@@ -40,6 +40,9 @@ pub struct Arguments {
     /// Structures: uniform-grid, aabb-tree
     #[arg(long, value_delimiter = ',', default_value = "uniform-grid,aabb-tree")]
     pub structures: Vec<Structure>,
+    /// Most points of a leaf of the tree
+    #[arg(long, default_value_t = nearfield::AabbTreeSettings::DEFAULT.bucket_size)]
+    pub bucket: u32,
     /// Timed runs of an operation; by default 10, and 3 for answers of hundreds of millions of entries
     #[arg(long)]
     pub repeat: Option<usize>,
@@ -80,12 +83,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         for structure in &arguments.structures {
             match (&machine.device, structure) {
                 (Device::Cpu, Structure::UniformGrid) => on_cpu::measure(&set, &points, radius, effort, &mut add)?,
-                (Device::Cpu, Structure::AabbTree) => tree_on_cpu::measure(&set, &points, radius, effort, &mut add)?,
+                (Device::Cpu, Structure::AabbTree) => {
+                    tree_on_cpu::measure(&set, &points, radius, arguments.bucket, effort, &mut add)?
+                }
                 (Device::Gpu(gpu), Structure::UniformGrid) => {
                     on_gpu::measure(gpu, &set, &points, radius, effort, &mut add)?;
                 }
                 (Device::Gpu(gpu), Structure::AabbTree) => {
-                    tree_on_gpu::measure(gpu, &set, &points, radius, effort, &mut add)?;
+                    tree_on_gpu::measure(gpu, &set, &points, radius, arguments.bucket, effort, &mut add)?;
                 }
             }
         }

@@ -11,7 +11,14 @@ use crate::measure::{Effort, Measured, repeat};
 use crate::sets::Set;
 
 /// Measures the set and hands over each row once its answer is checked.
-pub(super) fn measure(set: &Set, points: &[Vec3], radius: f32, effort: Effort, mut add: impl FnMut(Row)) -> Result<()> {
+pub(super) fn measure(
+    set: &Set,
+    points: &[Vec3],
+    radius: f32,
+    bucket: u32,
+    effort: Effort,
+    mut add: impl FnMut(Row),
+) -> Result<()> {
     let expected = Expected::of(points, radius)?;
     let question = FixedRadius::new(radius);
     let row = |operation, search, measured: Measured, structure_bytes| Row {
@@ -28,7 +35,7 @@ pub(super) fn measure(set: &Set, points: &[Vec3], radius: f32, effort: Effort, m
         note: String::new(),
     };
     for (order, name) in [(BuildOrder::Median, "median splits"), (BuildOrder::Hilbert, "along hilbert")] {
-        let settings = AabbTreeSettings::default().order(order);
+        let settings = AabbTreeSettings::default().bucket_size(bucket).order(order);
         let (mut tree, measured) = repeat(effort, || {
             let tree = AabbTree::build(points, &settings)?;
             let stages = NeighborSearch::build_stages(&tree);

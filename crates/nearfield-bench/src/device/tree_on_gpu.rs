@@ -1,7 +1,8 @@
 //! The rows of the AABB-tree on a GPU: times are the device's timestamps.
 //!
-//! "build" is along the Hilbert curve, bounds included; "refit" follows points that have moved, check and reordering
-//! included; "build, median" puts the points in order on the CPU (wall clock) for rows of that order.
+//! "build" is along the Hilbert curve, bounds included; "refit" fits the boxes to points that were moved where they
+//! stand; "refit, caller's order" takes new positions in the caller's order, check and reordering included, and so does
+//! "refit + list".
 
 use nearfield::gpu::{Buffer, Gpu};
 use nearfield::query::{Clock, NeighborSearch, Stage};
@@ -24,6 +25,7 @@ pub(super) fn measure(
     set: &Set,
     points: &[Vec3],
     radius: f32,
+    bucket: u32,
     effort: Effort,
     mut add: impl FnMut(Row),
 ) -> Result<()> {
@@ -43,7 +45,7 @@ pub(super) fn measure(
         peak_bytes: 0,
         note,
     };
-    let along_hilbert = AabbTreeSettings::default().order(BuildOrder::Hilbert);
+    let along_hilbert = AabbTreeSettings::default().bucket_size(bucket).order(BuildOrder::Hilbert);
     let mut builder = AabbTreeBuilder::new(gpu, points.len(), &along_hilbert)?;
     let (mut tree, measured) = repeat(effort, || {
         let tree = builder.build(&input)?;
@@ -55,11 +57,18 @@ pub(super) fn measure(
     add(row("build", "", Some(measured), String::new()));
 
     let ((), measured) = repeat(effort, || Ok(((), refit(&mut tree, &input)?)))?;
+    add(row("refit, caller's order", "", Some(measured), String::new()));
+    let ((), measured) = repeat(effort, || {
+        let mut commands = gpu.commands("fit");
+        commands.stage("fit");
+        tree.record_fit(&mut commands);
+        Ok(((), commands.run()?.iter().filter_map(device_stage).collect()))
+    })?;
     add(row("refit", "", Some(measured), String::new()));
 
     for order in [BuildOrder::Hilbert, BuildOrder::Median] {
         if order == BuildOrder::Median {
-            tree = GpuAabbTree::build(gpu, points, &AabbTreeSettings::default())?;
+            tree = GpuAabbTree::build(gpu, points, &AabbTreeSettings::default().bucket_size(bucket))?;
         }
         for search in [TreeSearch::Packed, TreeSearch::Primary] {
             tree.set_search(search);
@@ -125,6 +134,10 @@ pub(super) fn measure(
         Err(note) => row("build + list", name, None, note),
     });
     Ok(())
+}
+
+fn device_stage(time: &nearfield::gpu::StageTime) -> Option<Stage> {
+    Some(Stage { name: time.name, milliseconds: time.milliseconds?, clock: Clock::Device })
 }
 
 fn refit(tree: &mut GpuAabbTree, input: &Buffer<DevicePoint>) -> Result<Vec<Stage>> {

@@ -44,6 +44,17 @@ pub trait GpuStructure: Sync {
         None
     }
 
+    /// A level such that the points of each of 2^level parts of the order, as even as whole numbers can be, should be
+    /// searched by one workgroup, where the structure prefers that to workgroups of one size.
+    fn query_parts(&self) -> Option<u32> {
+        None
+    }
+
+    /// Most words of 32 candidates that the masks of a query should hold, an even number.
+    fn mask_words(&self) -> u32 {
+        16
+    }
+
     /// Module that holds `fn traverse(query: Query, state: ptr<function, State>)`.
     fn traverse_module(&self) -> &'static str;
 

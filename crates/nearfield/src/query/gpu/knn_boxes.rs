@@ -3,8 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::knn::{NearestOnDevice, Rows};
-use super::visit::QueryBuffers;
-use crate::gpu::{Access, Bind, Commands, Kernel, Workgroups};
+use super::visit::{Dealing, QueryBuffers};
+use crate::gpu::{Access, Bind, Commands, Kernel};
 use crate::query::{FixedRadius, Knn, Radius};
 use crate::structure::{GpuAabbTree, GpuStructure};
 use crate::{Error, Result};
@@ -34,8 +34,14 @@ pub struct KnnRun {
     pub k: u32,
     /// First place of this run.
     pub first: u32,
+    /// 1 where 2^level workgroups share the queries evenly.
+    pub in_parts: u32,
+    /// See `in_parts`.
+    pub level: u32,
+    /// 1 where queries are the points in the tree's order.
+    pub are_points: u32,
     /// Unused.
-    pub padding: u32,
+    pub padding: [u32; 2],
 }
 
 impl NearestOnDevice for GpuAabbTree {
@@ -59,6 +65,7 @@ impl NearestOnDevice for GpuAabbTree {
         let mut binds: Vec<Bind> = vec![queries.points().into(), queries.radii().into()];
         binds.extend(self.bindings().into_iter().map(|(_, bind)| bind));
         binds.extend([Bind::from(&rows.ids), Bind::from(&rows.dist2)]);
+        let dealing = Dealing::of(self, queries, WORKGROUP);
         for first in (0..places).step_by(MOST_PLACES as usize) {
             let run = KnnRun {
                 count: queries.len() as u32,
@@ -68,7 +75,10 @@ impl NearestOnDevice for GpuAabbTree {
                 radius,
                 k: places,
                 first,
-                padding: 0,
+                in_parts: dealing.in_parts,
+                level: dealing.level,
+                are_points: u32::from(queries.are_points()),
+                padding: [0; 2],
             };
             let left = (places - first).min(MOST_PLACES);
             let size = SIZES.iter().position(|&(_, size)| left <= size).expect("the largest size should hold a run");
@@ -77,17 +87,17 @@ impl NearestOnDevice for GpuAabbTree {
             features.push(("fours", places.is_multiple_of(4)));
             let kernel = Kernel {
                 features: &features,
-                constants: &[("WORKGROUP", f64::from(WORKGROUP))],
+                constants: &[("WORKGROUP", f64::from(dealing.workgroup))],
                 ..Kernel::new(
                     Self::KERNEL,
                     "find_nearest",
                     &[Uniform, Read, Read, Uniform, Read, Read, ReadWrite, ReadWrite],
-                    WORKGROUP,
+                    dealing.workgroup,
                 )
             };
             let run = gpu.uniform("nearest run", &run)?;
             let binds = [&[(&run).into()], &binds[..]].concat();
-            commands.dispatch(&gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(queries.len() as u64));
+            commands.dispatch(&gpu.pipeline(&kernel)?, &binds, dealing.covering());
         }
         Ok(())
     }

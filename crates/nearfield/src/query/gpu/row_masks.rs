@@ -15,9 +15,6 @@ use crate::query::{FixedRadius, Report, RowOrder};
 use crate::structure::GpuStructure;
 use crate::{Error, Result};
 
-/// Words kept a query. A ball of one cell's radius touches at most 9 rows, most of which fit one word.
-const WORDS: u32 = 16;
-
 /// Invocations of a workgroup that expands masks: four teams.
 const EXPAND_WORKGROUP: u32 = 128;
 
@@ -42,7 +39,7 @@ const FILL_OVERFLOWED: VisitorCode<'static> = VisitorCode {
 /// in which they are found, and masks of all queries within one binding.
 pub(super) fn applies<'a, S: GpuStructure>(structure: &'a S, question: &FixedRadius<'_>) -> Option<&'a Buffer<u32>> {
     let plain = !question.distances && question.order == RowOrder::Unspecified;
-    let mask_bytes = question.len(structure.len()) as u64 * u64::from(WORDS) * 8;
+    let mask_bytes = question.len(structure.len()) as u64 * u64::from(structure.mask_words()) * 8;
     structure.ids().filter(|_| plain && mask_bytes <= structure.gpu().limits().binding_bytes)
 }
 
@@ -127,9 +124,9 @@ impl<'a, S: GpuStructure> MaskSearch<'a, S> {
             queries: QueryBuffers::in_search_order(structure, question)?,
             counts: gpu.buffer("neighbour counts", n)?,
             words: gpu.buffer("words of queries", n)?,
-            masks: gpu.buffer("neighbour masks", n * WORDS as usize / 2)?,
+            masks: gpu.buffer("neighbour masks", n * structure.mask_words() as usize / 2)?,
             overflowed: gpu.buffer("overflowed queries", 1)?,
-            capacity: gpu.uniform("mask capacity", &[WORDS, n as u32, 0, 0])?,
+            capacity: gpu.uniform("mask capacity", &[structure.mask_words(), n as u32, 0, 0])?,
             report: visit::report(structure, "row-masks", &["package::query::row_masks"]),
         })
     }

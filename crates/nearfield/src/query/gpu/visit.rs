@@ -29,8 +29,12 @@ pub struct Batch {
     pub own_radius: u32,
     /// The radius where all have one.
     pub radius: f32,
+    /// 1 where 2^level workgroups share the queries evenly.
+    pub in_parts: u32,
+    /// See `in_parts`.
+    pub level: u32,
     /// Unused.
-    pub padding: [u32; 3],
+    pub padding: u32,
 }
 
 /// What a kernel does with each neighbour.
@@ -50,6 +54,38 @@ pub(super) struct QueryBuffers {
     radii: Buffer<f32>,
     /// The caller's index that has slot 0.
     first_id: u32,
+    /// Whether they are the points of the structure in its order.
+    are_points: bool,
+}
+
+/// How queries are dealt out to workgroups.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Dealing {
+    /// Invocations of a workgroup.
+    pub(super) workgroup: u32,
+    /// 1 where 2^level workgroups share the queries evenly.
+    pub(super) in_parts: u32,
+    pub(super) level: u32,
+    pub(super) workgroups: u64,
+}
+
+impl Dealing {
+    /// In parts that the structure wants to stay together, where the queries are its points; else by fixed workgroups.
+    pub(super) fn of<S: GpuStructure>(structure: &S, queries: &QueryBuffers, workgroup: u32) -> Self {
+        let n = queries.len() as u64;
+        match structure.query_parts().filter(|_| queries.are_points && n > 0) {
+            Some(level) => {
+                let largest = n.div_ceil(1 << level) as u32;
+                Self { workgroup: largest.next_multiple_of(32), in_parts: 1, level, workgroups: 1 << level }
+            }
+            None => Self { workgroup, in_parts: 0, level: 0, workgroups: n.div_ceil(u64::from(workgroup)) },
+        }
+    }
+
+    /// The workgroups of a dispatch.
+    pub(super) fn covering(&self) -> Workgroups {
+        Workgroups::Covering(self.workgroups * u64::from(self.workgroup))
+    }
 }
 
 impl QueryBuffers {
@@ -60,7 +96,8 @@ impl QueryBuffers {
             Queries::Other(queries) => structure.upload_queries(queries)?,
         };
         let radii = radii(structure, question, 0..question.len(structure.len()))?;
-        Ok(Self { queries, radii, first_id: 0 })
+        let are_points = matches!(question.queries, Queries::Points);
+        Ok(Self { queries, radii, first_id: 0, are_points })
     }
 
     /// Consecutive queries in the caller's order, with slots from 0 on. The memory is that of the window.
@@ -76,7 +113,7 @@ impl QueryBuffers {
             }
             Queries::Points => restored_points(structure, window.clone())?,
         };
-        Ok(Self { queries, radii: radii(structure, question, window)?, first_id })
+        Ok(Self { queries, radii: radii(structure, question, window)?, first_id, are_points: false })
     }
 
     /// `[n]` the queries with the caller's indices.
@@ -87,6 +124,11 @@ impl QueryBuffers {
     /// Radii by slot where each query has its own, else one.
     pub(super) fn radii(&self) -> &Buffer<f32> {
         &self.radii
+    }
+
+    /// Whether they are the points of the structure in its order.
+    pub(super) fn are_points(&self) -> bool {
+        self.are_points
     }
 
     /// Number of queries.
@@ -133,7 +175,12 @@ fn radii<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, window: Ran
 }
 
 /// The pipeline of the query kernel for this structure and visitor.
-fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>, traversal: Traversal) -> Result<Arc<Pipeline>> {
+fn pipeline<S: GpuStructure>(
+    structure: &S,
+    visitor: &VisitorCode<'_>,
+    traversal: Traversal,
+    workgroup: u32,
+) -> Result<Arc<Pipeline>> {
     let mut accesses = vec![Access::Uniform, Access::Read, Access::Read];
     accesses.extend(structure.bindings().iter().map(|(access, _)| *access));
     let mut all: Vec<(&str, bool)> =
@@ -149,8 +196,8 @@ fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>, traversal
         visitor_bindings: visitor.accesses,
         fills: &fills,
         features: &all,
-        constants: &[("WORKGROUP", f64::from(WORKGROUP))],
-        ..Kernel::new("package::query::fixed_radius", "visit_neighbors", &accesses, WORKGROUP)
+        constants: &[("WORKGROUP", f64::from(workgroup))],
+        ..Kernel::new("package::query::fixed_radius", "visit_neighbors", &accesses, workgroup)
     })
 }
 
@@ -167,7 +214,8 @@ pub(super) fn record<S: GpuStructure>(
     visitor_binds: &[Bind],
 ) -> Result<()> {
     let traversal = loops::traversal(structure, question, visitor.rounds)?;
-    let pipeline = pipeline(structure, visitor, traversal)?;
+    let dealing = Dealing::of(structure, queries, WORKGROUP);
+    let pipeline = pipeline(structure, visitor, traversal, dealing.workgroup)?;
     let (own_radius, radius) = match question.radius {
         Radius::One(radius) => (0, radius),
         Radius::Each(_) => (1, 0.0),
@@ -178,12 +226,14 @@ pub(super) fn record<S: GpuStructure>(
         exclude_self: u32::from(question.exclude_self),
         own_radius,
         radius,
-        padding: [0; 3],
+        in_parts: dealing.in_parts,
+        level: dealing.level,
+        padding: 0,
     };
     let batch = structure.gpu().uniform("query batch", &batch)?;
     let mut binds: Vec<Bind> = vec![(&batch).into(), (&queries.queries).into(), (&queries.radii).into()];
     binds.extend(structure.bindings().into_iter().map(|(_, bind)| bind));
-    commands.dispatch_with_visitor(&pipeline, &binds, visitor_binds, Workgroups::Covering(queries.len() as u64));
+    commands.dispatch_with_visitor(&pipeline, &binds, visitor_binds, dealing.covering());
     Ok(())
 }
 

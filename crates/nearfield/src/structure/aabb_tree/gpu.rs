@@ -17,6 +17,9 @@ use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points}
 use crate::structure::{BuildStage, CpuStructure};
 use crate::{Error, Result};
 
+/// Most points of a node that one workgroup searches for.
+const MOST_TOGETHER: u32 = 256;
+
 /// Points in the order of a complete binary tree, and the tree's boxes, on the GPU.
 #[derive(Debug)]
 pub struct GpuAabbTree {
@@ -189,6 +192,19 @@ impl GpuStructure for GpuAabbTree {
 
     fn ids(&self) -> Option<&Buffer<u32>> {
         Some(&self.ids)
+    }
+
+    /// Points in median order jump where a large node ends: a subgroup must not take points from both sides.
+    fn query_parts(&self) -> Option<u32> {
+        let n = self.shape.n_points() as u32;
+        let level = TreeShape::new(n, MOST_TOGETHER.min(self.gpu.limits().workgroup_invocations)).depth();
+        let is_cut = self.settings.order == BuildOrder::Median && self.is_packed() && level <= self.shape.depth();
+        is_cut.then_some(level)
+    }
+
+    /// A ball meets more leaves than it meets rows of a grid; with more, the masks of 10 M points would not fit a binding.
+    fn mask_words(&self) -> u32 {
+        24
     }
 
     fn traverse_module(&self) -> &'static str {
