@@ -50,6 +50,11 @@ pub trait GpuStructure: Sync {
         None
     }
 
+    /// Whether neighbours are counted by masks; see `ids`.
+    fn counts_by_masks(&self) -> bool {
+        false
+    }
+
     /// Most words of 32 candidates that the masks of a query should hold, an even number.
     fn mask_words(&self) -> u32 {
         16

@@ -12,12 +12,19 @@ use crate::gpu::{Access, Bind, Buffer, StageTime};
 use crate::query::{Clock, Counts, FixedRadius, Nearest, NeighborSearch, Neighbors, Report, Stage};
 use crate::structure::{GpuAabbTree, GpuBruteForce, GpuLinearOctree, GpuStructure, GpuUniformGrid};
 
-pub(super) const COUNT: VisitorCode<'static> = VisitorCode {
+const COUNT: VisitorCode<'static> = VisitorCode {
     source: Fill::Module("package::query::count"),
     features: &[],
     accesses: &[Access::ReadWrite],
     rounds: VisitorRounds { each: 0, finish: 0 },
 };
+
+const COUNT_MASKS: VisitorCode<'static> = VisitorCode { features: &[("masks", true)], ..COUNT };
+
+/// The visitor that counts for this structure.
+pub(super) fn counter<S: GpuStructure>(structure: &S) -> &'static VisitorCode<'static> {
+    if structure.counts_by_masks() { &COUNT_MASKS } else { &COUNT }
+}
 
 const NEAREST: VisitorCode<'static> = VisitorCode {
     source: Fill::Module("package::query::nearest"),
@@ -77,7 +84,7 @@ pub(super) fn count<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) 
         let buffer: Buffer<u32> = gpu.buffer("neighbour counts", queries.len())?;
         let mut commands = gpu.commands("count neighbours");
         commands.stage("query");
-        visit::record(&mut commands, structure, question, queries, &COUNT, &[(&buffer).into()])?;
+        visit::record(&mut commands, structure, question, queries, counter(structure), &[(&buffer).into()])?;
         add_stages(report, &commands.run()?);
         let read = Instant::now();
         counts.extend(gpu.read(&buffer)?);

@@ -84,7 +84,7 @@ impl NearestOnDevice for GpuAabbTree {
             let size = SIZES.iter().position(|&(_, size)| left <= size).expect("the largest size should hold a run");
             let mut features = self.features();
             features.extend(SIZES.iter().enumerate().map(|(i, &(name, _))| (name, i == size)));
-            features.push(("fours", places.is_multiple_of(4)));
+            features.extend([("fours", places.is_multiple_of(4)), ("excludes", within.exclude_self)]);
             let kernel = Kernel {
                 features: &features,
                 constants: &[("WORKGROUP", f64::from(dealing.workgroup))],
@@ -104,8 +104,8 @@ impl NearestOnDevice for GpuAabbTree {
 
     fn check_loops(&self, _: &Knn<'_>, places: usize) -> Result<()> {
         let Some(limit) = self.gpu().limits().loop_rounds.filter(|_| places > 0) else { return Ok(()) };
-        // Every node and every point, and the blocks of a row before and behind the walk.
-        let rounds = (2 * self.shape().n_leaves() + self.len()) as u64 + 64;
+        // Every node, leaves once more, every point as one of eight and as one in reach; a query's leaf and its row.
+        let rounds = (4 * self.shape().n_leaves() + self.len() + self.len() / 8) as u64 + 128;
         let in_step = self.rounds_in_step();
         if rounds * in_step <= u64::from(limit) {
             return Ok(());

@@ -1,6 +1,6 @@
 //! Answers that stay on the device.
 
-use super::answers::{COUNT, add_stages};
+use super::answers::{add_stages, counter};
 use super::loops::{self, VisitorRounds};
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::gpu::shader::Fill;
@@ -117,7 +117,7 @@ pub trait SearchOnDevice: GpuStructure {
         let mut report = visit::report(self, "thread-a-query", &["package::query::count"]);
         let mut commands = self.gpu().commands("count neighbours");
         commands.stage("query");
-        visit::record(&mut commands, self, question, &queries, &COUNT, &[(&counts).into()])?;
+        visit::record(&mut commands, self, question, &queries, counter(self), &[(&counts).into()])?;
         add_stages(&mut report, &commands.run()?);
         Ok((counts, report))
     }
@@ -214,7 +214,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
     let longest: Option<Buffer<u32>> = needs_longest.then(|| gpu.buffer("longest row", 1)).transpose()?;
     let mut commands = gpu.commands("count neighbours");
     commands.stage("count");
-    visit::record(&mut commands, structure, question, &queries, &COUNT, &[(&counts).into()])?;
+    visit::record(&mut commands, structure, question, &queries, counter(structure), &[(&counts).into()])?;
     commands.stage("scan");
     GpuScan::new(gpu, n)?.record(&mut commands, &counts, &offsets, n)?;
     let reduce = GpuReduce::new(gpu)?;

@@ -177,6 +177,7 @@ fn radii<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, window: Ran
 /// The pipeline of the query kernel for this structure and visitor.
 fn pipeline<S: GpuStructure>(
     structure: &S,
+    question: &FixedRadius<'_>,
     visitor: &VisitorCode<'_>,
     traversal: Traversal,
     workgroup: u32,
@@ -185,6 +186,7 @@ fn pipeline<S: GpuStructure>(
     accesses.extend(structure.bindings().iter().map(|(access, _)| *access));
     let mut all: Vec<(&str, bool)> =
         vec![("distances", false), ("by_index", false), ("hashed", false), ("masks", false)];
+    all.push(("excludes", question.exclude_self));
     all.extend([("short_loops", traversal.short_loops), ("all_points", traversal.all_points)]);
     all.extend(structure.features());
     all.extend_from_slice(visitor.features);
@@ -215,7 +217,7 @@ pub(super) fn record<S: GpuStructure>(
 ) -> Result<()> {
     let traversal = loops::traversal(structure, question, visitor.rounds)?;
     let dealing = Dealing::of(structure, queries, WORKGROUP);
-    let pipeline = pipeline(structure, visitor, traversal, dealing.workgroup)?;
+    let pipeline = pipeline(structure, question, visitor, traversal, dealing.workgroup)?;
     let (own_radius, radius) = match question.radius {
         Radius::One(radius) => (0, radius),
         Radius::Each(_) => (1, 0.0),

@@ -202,6 +202,10 @@ impl GpuStructure for GpuAabbTree {
         is_cut.then_some(level)
     }
 
+    fn counts_by_masks(&self) -> bool {
+        true
+    }
+
     /// A ball meets more leaves than it meets rows of a grid; with more, the masks of 10 M points would not fit a binding.
     fn mask_words(&self) -> u32 {
         24
