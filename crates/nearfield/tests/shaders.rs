@@ -9,7 +9,7 @@ use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
-use nearfield::query::Batch;
+use nearfield::query::{Batch, Sweep};
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::BruteForceLayout;
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
@@ -279,10 +279,9 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         farthest
     });
     let brute_force = layout_of!(BruteForceLayout { period, n_points, inverse_period, padding });
-    let mut batch = layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, padding });
-    // An array of words there is single words here: arrays in uniforms have a stride of 16 bytes.
-    let (_, offset, size) = batch.fields.pop().unwrap();
-    batch.fields.extend((0..size / 4).map(|i| (format!("padding_{i}"), offset + 4 * i, 4)));
+    let batch = layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, first, end, padding });
+    let sweep =
+        layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
     let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
     BTreeMap::from([
         ("OctreeLayout", octree),
@@ -290,6 +289,7 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         ("GridLayout", grid),
         ("Layout", brute_force),
         ("Batch", batch),
+        ("Sweep", sweep),
         ("Domain", domain()),
     ])
 }

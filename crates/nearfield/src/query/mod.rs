@@ -6,6 +6,7 @@
 //! and [`BoxSearch`]. Each answer carries a [`Report`] of what really ran.
 
 mod boxes;
+mod coherent;
 mod cpu;
 mod fixed_radius;
 #[cfg(feature = "gpu")]
@@ -19,6 +20,10 @@ mod rows;
 mod search;
 
 pub use boxes::{BoxSearch, Boxes};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use coherent::Sweep;
+pub use coherent::{PhaseLanes, SearchCounters};
 pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
