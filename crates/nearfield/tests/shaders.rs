@@ -280,8 +280,7 @@ fn twins() -> BTreeMap<&'static str, Layout> {
     });
     let brute_force = layout_of!(BruteForceLayout { period, n_points, inverse_period, padding });
     let batch = layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, first, end, padding });
-    let sweep =
-        layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
+    let sweep = layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
     let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
     BTreeMap::from([
         ("OctreeLayout", octree),
