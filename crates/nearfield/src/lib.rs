@@ -37,7 +37,7 @@ pub use glam::{DVec3, Vec3};
 pub use gpu::{DeviceChoice, Gpu};
 pub use query::{
     BoxSearch, Boxes, Counts, FixedRadius, ForEachNeighbor, Knn, KnnSearch, ListRows, Nearest, NearestNeighbors,
-    Neighbor, NeighborSearch, Neighbors, Queries, Radius, Report, RowOrder,
+    Neighbor, NeighborSearch, Neighbors, Queries, Radius, Report, RowOrder, SearchCounters,
 };
 #[cfg(feature = "gpu")]
 pub use query::{

@@ -502,7 +502,7 @@ impl Subject {
         let coherent = self.variant == "coherent";
         if coherent && plain {
             let kernel = |name: &str| format!("package::query::coherent::{name}");
-            return ("coherent", ["pack", "back_traverse", "extract"].map(|name| kernel(name)).to_vec());
+            return ("coherent", ["pack", "back_traverse", "extract"].map(kernel).to_vec());
         }
         let by_masks = self.structure != "brute-force" && plain;
         let (search, visitors): (_, &[&str]) = match asked {

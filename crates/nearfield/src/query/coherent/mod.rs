@@ -49,3 +49,6 @@ pub use sweep::Sweep;
 /// Module that visits the candidates of a query.
 #[cfg(feature = "gpu")]
 pub(super) const CANDIDATES: &str = "package::query::coherent::candidates";
+
+#[cfg(test)]
+mod tests;

@@ -46,7 +46,7 @@ impl GpuLinearOctree {
         let places = question.places(self.len());
         check_loops(self, question, places)?;
         let mut report = report(self);
-        let rows = find(self, &within, &QueryBuffers::in_search_order(self, &within)?, places)?;
+        let rows = find(self, &within, &QueryBuffers::unpacked(self, &within)?, places)?;
         add_stages(&mut report, &rows.times);
         Ok(GpuNearestNeighbors { places, indices: rows.ids, dist2: rows.dist2, report })
     }

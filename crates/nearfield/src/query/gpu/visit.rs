@@ -78,16 +78,26 @@ impl QueryBuffers {
 
     /// The queries of the question in the structure's order: slots are the caller's indices.
     pub(super) fn in_search_order<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Self> {
+        if structure.coherent_tree().is_none() {
+            return Self::unpacked(structure, question);
+        }
         let (queries, own) = match question.queries {
             Queries::Points => (structure.points().clone(), true),
             // Packs have an order of their own.
-            Queries::Other(queries) if structure.coherent_tree().is_some() => {
-                (structure.gpu().upload("queries", &device_points(queries, 0))?, false)
-            }
-            Queries::Other(queries) => (structure.upload_queries(queries)?, false),
+            Queries::Other(queries) => (structure.gpu().upload("queries", &device_points(queries, 0))?, false),
         };
         let radii = radii(structure, question, 0..question.len(structure.len()))?;
         Self::new(structure, question, (queries, radii), 0, own)
+    }
+
+    /// The same for kernels that find their own way through the structure: never in packs.
+    pub(super) fn unpacked<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Self> {
+        let queries = match question.queries {
+            Queries::Points => structure.points().clone(),
+            Queries::Other(queries) => structure.upload_queries(queries)?,
+        };
+        let radii = radii(structure, question, 0..question.len(structure.len()))?;
+        Ok(Self { queries, radii, first_id: 0, candidates: None })
     }
 
     /// Consecutive queries in the caller's order, with slots from 0 on. The memory is that of the window.
