@@ -38,7 +38,7 @@ pub use gpu::{DeviceChoice, Gpu};
 pub use query::{
     BoxSearch, Boxes, Counts, CountsN, FixedRadius, FixedRadiusN, ForEachNeighbor, Knn, KnnN, KnnSearch, ListRows,
     Nearest, NearestN, NearestNeighbors, Neighbor, NeighborSearch, Neighbors, NeighborsN, Queries, QueriesN, Radius,
-    RadiusN, Report, RowOrder, SearchWork,
+    RadiusN, Report, RowOrder, SearchCounters, SearchWork,
 };
 #[cfg(feature = "gpu")]
 pub use query::{

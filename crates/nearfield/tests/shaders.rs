@@ -9,7 +9,7 @@ use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
-use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, SearchN};
+use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, SearchN, Sweep};
 use nearfield::structure::Scalar;
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout, any_dimension};
 use nearfield::structure::brute_force::BruteForceLayout;
@@ -287,7 +287,18 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         farthest
     });
     let brute_force = layout_of!(BruteForceLayout { period, n_points, inverse_period, padding });
-    let batch = layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, in_parts, level, padding });
+    let batch = with_single_words(layout_of!(Batch {
+        count,
+        first_id,
+        exclude_self,
+        own_radius,
+        radius,
+        in_parts,
+        level,
+        first,
+        end,
+        padding
+    }));
     let run = layout_of!(KnnRun {
         count,
         first_id,
@@ -302,6 +313,7 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         padding
     });
     let knn = layout_of!(KnnBatch { count, first_id, exclude_self, own_radius, radius, k, padding });
+    let sweep = layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
     let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
     let search = layout_of!(SearchN { n_points, depth, count, first, exclude_self, own_points, padding_0, padding_1 });
     BTreeMap::from([
@@ -313,6 +325,7 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         ("Batch", batch),
         ("KnnRun", with_single_words(run)),
         ("KnnBatch", with_single_words(knn)),
+        ("Sweep", sweep),
         ("Domain", domain()),
     ])
 }

@@ -9,6 +9,7 @@ mod any_dimension;
 mod boxes;
 #[cfg(feature = "gpu")]
 mod choose;
+mod coherent;
 mod cpu;
 mod fixed_radius;
 #[cfg(feature = "gpu")]
@@ -27,6 +28,10 @@ pub use any_dimension::{CountsN, FixedRadiusN, KnnN, NearestN, NeighborsN, Queri
 pub use boxes::{BoxSearch, Boxes};
 #[cfg(feature = "gpu")]
 pub use choose::{Purpose, StructureChoice};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use coherent::Sweep;
+pub use coherent::{PhaseLanes, SearchCounters};
 pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]

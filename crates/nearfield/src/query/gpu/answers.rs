@@ -23,7 +23,7 @@ const COUNT_MASKS: VisitorCode<'static> = VisitorCode { features: &[("masks", tr
 
 /// The visitor that counts for this structure.
 pub(super) fn counter<S: GpuStructure>(structure: &S) -> &'static VisitorCode<'static> {
-    if structure.counts_by_masks() { &COUNT_MASKS } else { &COUNT }
+    if structure.counts_by_masks() && structure.coherent_tree().is_none() { &COUNT_MASKS } else { &COUNT }
 }
 
 const NEAREST: VisitorCode<'static> = VisitorCode {
@@ -64,7 +64,10 @@ pub(super) fn in_batches<S: GpuStructure>(
         } else {
             QueryBuffers::in_caller_order(structure, question, range)
         };
-        let asked = queries.and_then(|queries| ask(&queries, report));
+        let asked = queries.and_then(|queries| {
+            queries.add_stages_to(report);
+            ask(&queries, report)
+        });
         if asked.is_err() {
             // Times of a batch that is tried again would count its work twice.
             report.stages.truncate(n_stages);

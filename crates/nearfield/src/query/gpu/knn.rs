@@ -83,7 +83,7 @@ fn knn_on_device<S: NearestOnDevice>(tree: &S, question: &Knn<'_>) -> Result<Gpu
     let places = question.places(tree.len());
     tree.check_loops(question, places)?;
     let mut report = report(tree);
-    let (rows, times) = find(tree, &within, &QueryBuffers::in_search_order(tree, &within)?, places)?;
+    let (rows, times) = find(tree, &within, &QueryBuffers::unpacked(tree, &within)?, places)?;
     add_stages(&mut report, &times);
     Ok(GpuNearestNeighbors { places, indices: rows.ids, dist2: rows.dist2, report })
 }

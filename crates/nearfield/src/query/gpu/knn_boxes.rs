@@ -82,7 +82,8 @@ impl NearestOnDevice for GpuAabbTree {
             };
             let left = (places - first).min(MOST_PLACES);
             let size = SIZES.iter().position(|&(_, size)| left <= size).expect("the largest size should hold a run");
-            let mut features = self.features();
+            let mut features =
+                vec![("periodic", self.settings().period.is_periodic()), ("packed", self.rounds_in_step() == 1)];
             features.extend(SIZES.iter().enumerate().map(|(i, &(name, _))| (name, i == size)));
             features.extend([("fours", places.is_multiple_of(4)), ("excludes", within.exclude_self)]);
             let kernel = Kernel {

@@ -7,7 +7,7 @@
 
 mod answers;
 mod any_dimension;
-mod batch;
+pub(super) mod batch;
 mod boxes;
 mod capped_list;
 mod knn;

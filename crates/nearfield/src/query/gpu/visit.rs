@@ -5,10 +5,12 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::answers::add_stages;
 use super::loops::{self, Traversal, VisitorRounds};
 use crate::Result;
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Pipeline, Workgroups};
+use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
+use crate::query::coherent::{Asking, BACK_TRAVERSE, CANDIDATES, Candidates, PACK};
 use crate::query::{FixedRadius, Queries, Radius, Report};
 use crate::structure::{DevicePoint, GpuStructure, device_points};
 
@@ -33,8 +35,12 @@ pub struct Batch {
     pub in_parts: u32,
     /// See `in_parts`.
     pub level: u32,
+    /// Place of the first query of this dispatch.
+    pub first: u32,
+    /// End of the queries of this dispatch.
+    pub end: u32,
     /// Unused.
-    pub padding: u32,
+    pub padding: [u32; 3],
 }
 
 /// What a kernel does with each neighbour.
@@ -56,6 +62,8 @@ pub(super) struct QueryBuffers {
     first_id: u32,
     /// Whether they are the points of the structure in its order.
     are_points: bool,
+    /// Where the structure is searched coherently.
+    candidates: Option<Candidates>,
 }
 
 /// How queries are dealt out to workgroups.
@@ -78,8 +86,13 @@ impl Dealing {
                 let largest = n.div_ceil(1 << level) as u32;
                 Self { workgroup: largest.next_multiple_of(32), in_parts: 1, level, workgroups: 1 << level }
             }
-            None => Self { workgroup, in_parts: 0, level: 0, workgroups: n.div_ceil(u64::from(workgroup)) },
+            None => Self::fixed(queries.len(), workgroup),
         }
+    }
+
+    /// By workgroups of one size.
+    pub(super) fn fixed(n: usize, workgroup: u32) -> Self {
+        Self { workgroup, in_parts: 0, level: 0, workgroups: (n as u64).div_ceil(u64::from(workgroup)) }
     }
 
     /// The workgroups of a dispatch.
@@ -89,15 +102,44 @@ impl Dealing {
 }
 
 impl QueryBuffers {
+    /// Queries as they will be searched: in packs, with their candidates, where the structure is searched coherently.
+    fn new<S: GpuStructure>(
+        structure: &S,
+        question: &FixedRadius<'_>,
+        (queries, radii): (Buffer<DevicePoint>, Buffer<f32>),
+        first_id: u32,
+        own: bool,
+    ) -> Result<Self> {
+        let asking = Asking { queries: &queries, radii: &radii, first_id, own };
+        let find = |tree| Candidates::find(tree, question, asking);
+        let candidates = structure.coherent_tree().map(find).transpose()?;
+        let packed = candidates.as_ref().and_then(Candidates::queries).cloned();
+        Ok(Self { queries: packed.unwrap_or(queries), radii, first_id, are_points: own, candidates })
+    }
+
     /// The queries of the question in the structure's order: slots are the caller's indices.
     pub(super) fn in_search_order<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Self> {
+        if structure.coherent_tree().is_none() {
+            return Self::unpacked(structure, question);
+        }
+        let (queries, own) = match question.queries {
+            Queries::Points => (structure.points().clone(), true),
+            // Packs have an order of their own.
+            Queries::Other(queries) => (structure.gpu().upload("queries", &device_points(queries, 0))?, false),
+        };
+        let radii = radii(structure, question, 0..question.len(structure.len()))?;
+        Self::new(structure, question, (queries, radii), 0, own)
+    }
+
+    /// The same for kernels that find their own way through the structure: never in packs.
+    pub(super) fn unpacked<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Self> {
         let queries = match question.queries {
             Queries::Points => structure.points().clone(),
             Queries::Other(queries) => structure.upload_queries(queries)?,
         };
         let radii = radii(structure, question, 0..question.len(structure.len()))?;
         let are_points = matches!(question.queries, Queries::Points);
-        Ok(Self { queries, radii, first_id: 0, are_points })
+        Ok(Self { queries, radii, first_id: 0, are_points, candidates: None })
     }
 
     /// Consecutive queries in the caller's order, with slots from 0 on. The memory is that of the window.
@@ -113,7 +155,21 @@ impl QueryBuffers {
             }
             Queries::Points => restored_points(structure, window.clone())?,
         };
-        Ok(Self { queries, radii: radii(structure, question, window)?, first_id, are_points: false })
+        let radii = radii(structure, question, window)?;
+        Self::new(structure, question, (queries, radii), first_id, false)
+    }
+
+    /// What a coherent search has found for them.
+    pub(super) fn candidates(&self) -> Option<&Candidates> {
+        self.candidates.as_ref()
+    }
+
+    /// Adds what was done to them before they can be searched: its times, and in how many windows they are searched.
+    pub(super) fn add_stages_to(&self, report: &mut Report) {
+        if let Some(candidates) = &self.candidates {
+            add_stages(report, &candidates.stages);
+            report.batches = report.batches.max(candidates.windows.len() as u32);
+        }
     }
 
     /// `[n]` the queries with the caller's indices.
@@ -174,6 +230,11 @@ fn radii<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, window: Ran
     }
 }
 
+/// The module that visits what is near a query.
+fn traverse_module<S: GpuStructure>(structure: &S) -> &'static str {
+    if structure.coherent_tree().is_some() { CANDIDATES } else { structure.traverse_module() }
+}
+
 /// The pipeline of the query kernel for this structure and visitor.
 fn pipeline<S: GpuStructure>(
     structure: &S,
@@ -184,6 +245,7 @@ fn pipeline<S: GpuStructure>(
 ) -> Result<Arc<Pipeline>> {
     let mut accesses = vec![Access::Uniform, Access::Read, Access::Read];
     accesses.extend(structure.bindings().iter().map(|(access, _)| *access));
+    // The bindings of `candidates` are those of the tree, with the candidates in place of the nodes.
     let mut all: Vec<(&str, bool)> =
         vec![("distances", false), ("by_index", false), ("hashed", false), ("masks", false)];
     all.push(("excludes", question.exclude_self));
@@ -191,7 +253,7 @@ fn pipeline<S: GpuStructure>(
     all.extend(structure.features());
     all.extend_from_slice(visitor.features);
     let fills = [
-        ("package::structure::selected", Fill::Module(structure.traverse_module())),
+        ("package::structure::selected", Fill::Module(traverse_module(structure))),
         ("package::structure::visitor", visitor.source),
     ];
     structure.gpu().pipeline(&Kernel {
@@ -215,39 +277,78 @@ pub(super) fn record<S: GpuStructure>(
     visitor: &VisitorCode<'_>,
     visitor_binds: &[Bind],
 ) -> Result<()> {
-    let traversal = loops::traversal(structure, question, visitor.rounds)?;
-    let dealing = Dealing::of(structure, queries, WORKGROUP);
+    let traversal = match &queries.candidates {
+        Some(found) => loops::through_candidates(structure, found.largest, visitor.rounds)?,
+        None => loops::traversal(structure, question, visitor.rounds)?,
+    };
+    let dealing = match &queries.candidates {
+        Some(_) => Dealing::fixed(queries.len(), WORKGROUP),
+        None => Dealing::of(structure, queries, WORKGROUP),
+    };
     let pipeline = pipeline(structure, question, visitor, traversal, dealing.workgroup)?;
-    let (own_radius, radius) = match question.radius {
-        Radius::One(radius) => (0, radius),
-        Radius::Each(_) => (1, 0.0),
+    let part = Part { gpu: structure.gpu(), question, queries, pipeline: &pipeline, visitor_binds };
+    let Some(found) = &queries.candidates else {
+        let binds: Vec<Bind> = structure.bindings().into_iter().map(|(_, bind)| bind).collect();
+        return part.record(commands, 0..queries.len() as u32, dealing, &binds);
     };
-    let batch = Batch {
-        count: queries.len() as u32,
-        first_id: queries.first_id,
-        exclude_self: u32::from(question.exclude_self),
-        own_radius,
-        radius,
-        in_parts: dealing.in_parts,
-        level: dealing.level,
-        padding: 0,
-    };
-    let batch = structure.gpu().uniform("query batch", &batch)?;
-    let mut binds: Vec<Bind> = vec![(&batch).into(), (&queries.queries).into(), (&queries.radii).into()];
-    binds.extend(structure.bindings().into_iter().map(|(_, bind)| bind));
-    commands.dispatch_with_visitor(&pipeline, &binds, visitor_binds, dealing.covering());
+    for window in &found.windows {
+        found.record_window(commands, window)?;
+        let dealing = Dealing::fixed(window.queries.len(), WORKGROUP);
+        part.record(commands, window.queries.clone(), dealing, &found.bindings())?;
+    }
     Ok(())
+}
+
+/// What runs over the same queries have in common.
+struct Part<'a> {
+    gpu: &'a Gpu,
+    question: &'a FixedRadius<'a>,
+    queries: &'a QueryBuffers,
+    pipeline: &'a Arc<Pipeline>,
+    visitor_binds: &'a [Bind],
+}
+
+impl Part<'_> {
+    /// Records one run over the queries at some places.
+    fn record(&self, commands: &mut Commands, places: Range<u32>, dealing: Dealing, binds: &[Bind]) -> Result<()> {
+        let queries = self.queries;
+        let (own_radius, radius) = match self.question.radius {
+            Radius::One(radius) => (0, radius),
+            Radius::Each(_) => (1, 0.0),
+        };
+        let batch = Batch {
+            count: queries.len() as u32,
+            first_id: queries.first_id,
+            exclude_self: u32::from(self.question.exclude_self),
+            own_radius,
+            radius,
+            in_parts: dealing.in_parts,
+            level: dealing.level,
+            first: places.start,
+            end: places.end,
+            padding: [0; 3],
+        };
+        let batch = self.gpu.uniform("query batch", &batch)?;
+        let mut all: Vec<Bind> = vec![(&batch).into(), (&queries.queries).into(), (&queries.radii).into()];
+        all.extend_from_slice(binds);
+        commands.dispatch_with_visitor(self.pipeline, &all, self.visitor_binds, dealing.covering());
+        Ok(())
+    }
 }
 
 /// A report that names the structure, the device and the kernel with its parts.
 pub(super) fn report<S: GpuStructure>(structure: &S, search: &'static str, visitors: &[&str]) -> Report {
-    let traverse = structure.traverse_module();
+    let traverse = traverse_module(structure);
     let kernel = |visitor: &&str| format!("package::query::fixed_radius with {traverse} and {visitor}");
+    let (search, before) = match structure.coherent_tree() {
+        Some(_) => ("coherent", &[PACK, BACK_TRAVERSE][..]),
+        None => (search, &[][..]),
+    };
     Report {
         structure: S::NAME,
         search,
         device: structure.gpu().name().to_owned(),
-        kernels: visitors.iter().map(kernel).collect(),
+        kernels: before.iter().map(|&kernel| kernel.to_owned()).chain(visitors.iter().map(kernel)).collect(),
         batches: 1,
         ..Report::default()
     }
