@@ -9,13 +9,14 @@ use libtest_mimic::Arguments;
 use nearfield::Vec3;
 use nearfield::geometry::generate::{CloudKind, cloud};
 use nearfield::gpu::{DeviceChoice, Gpu};
+use nearfield_bench::baselines::{self, Row};
 use nearfield_bench::check::Expected;
 use nearfield_bench::device;
 use nearfield_bench::grid::method::{Case, Method};
 use nearfield_bench::grid::{self, memory};
 use nearfield_bench::measure::Effort;
 use nearfield_bench::octree;
-use nearfield_bench::provenance::COMMIT;
+use nearfield_bench::provenance::{COMMIT, Machine};
 use nearfield_bench::sets::SEED;
 
 #[path = "../../nearfield/tests/support/mod.rs"]
@@ -45,6 +46,13 @@ fn main() {
             charts_are_complete(DeviceChoice::Cpu, &CHART_METHODS[..2]);
         }),
         trial("without a GPU its figures are not measured", experiments_on_the_cpu_alone),
+        gpu_trial("the baselines of a GPU have every method", |gpu| {
+            baselines_are_complete(&choice(gpu), &["shifted sort", "hashing (LSH)"]);
+        }),
+        trial("the baselines of the CPU have every method", || {
+            let references = ["shifted sort, plain reference", "hashing (LSH), plain reference"];
+            baselines_are_complete(&DeviceChoice::Cpu, &references);
+        }),
     ];
     libtest_mimic::run(&Arguments::from_args(), tests).exit();
 }
@@ -301,5 +309,41 @@ fn wrong_answers_are_caught(gpu: Option<&Gpu>, methods: &[Method]) {
         assert!(measured.is_some(), "{}", method.name());
         let error = method.measure(gpu, &wrong, effort).expect_err(method.name());
         assert!(error.to_string().contains("wrong answer"), "{}: {error}", method.name());
+    }
+}
+
+/// Every method answers both questions, exact ones wholly; `approximate` are those that may miss some.
+fn baselines_are_complete(device: &DeviceChoice, approximate: &[&str; 2]) {
+    for dimension in [3, 5, 20] {
+        let (points, k, shifts, tables, projections) = (2000, 10, 5, 8, 8);
+        let (device, sample, repeat, ann) = (device.clone(), 200, 1, None);
+        let arguments =
+            baselines::Arguments { device, points, k, dimension, shifts, tables, projections, sample, repeat, ann };
+        let machine = Machine::open(&arguments.device).expect("a device");
+        let (rows, radius) = baselines::measure(&arguments, &machine).expect("the baselines run");
+        assert!(radius > 0.0);
+        let find = |method: &str, question: &str| -> Vec<&Row> {
+            rows.iter().filter(|r| (r.method, r.question) == (method, question)).collect()
+        };
+        let mut expected = vec![(approximate[1], "k nearest"), (approximate[1], "within r")];
+        if dimension <= 16 {
+            expected.extend([("kiddo, all cores", "k nearest"), ("kiddo, all cores", "within r")]);
+        }
+        if dimension == 3 {
+            expected.extend([(approximate[0], "k nearest"), (approximate[0], "within r")]);
+            expected.extend([("linear octree", "k nearest"), ("uniform grid", "within r")]);
+        }
+        assert_eq!(rows.len(), expected.len(), "{rows:?}");
+        for (method, question) in expected {
+            let found = find(method, question);
+            assert_eq!(found.len(), 1, "{method}, {question}");
+            let row = found[0];
+            assert!(row.query_ms > 0.0 && row.build_ms >= 0.0, "{row:?}");
+            assert_eq!(row.is_exact, !approximate.contains(&method), "{row:?}");
+            let least = if row.is_exact { 1.0 } else { 0.3 };
+            assert!((least..=1.0).contains(&row.recall) && row.mean_found > 1.0, "{row:?}");
+            assert_eq!(row.distance_ratio.is_some(), question == "k nearest", "{row:?}");
+        }
+        baselines::run(&arguments).expect("the table is printed");
     }
 }

@@ -20,7 +20,9 @@ pub enum Access {
 /// What a pipeline is made from. Layouts are explicit because unused bindings vanish from the composed source.
 #[derive(Debug, Clone, Copy)]
 pub struct Kernel<'a> {
-    /// Module path of the WESL file that holds the entry point.
+    /// Module path of the WESL file that holds the entry point: one of the library, or one that stands in `fills`. A
+    /// kernel that is wholly a caller's own is a module of any new path below `package::` with its source in `fills`;
+    /// it can import modules of the library.
     pub module: &'a str,
     /// The entry point.
     pub entry: &'a str,
@@ -28,7 +30,7 @@ pub struct Kernel<'a> {
     pub bindings: &'a [Access],
     /// Bindings of `@group(1)`: those of a visitor.
     pub visitor_bindings: &'a [Access],
-    /// Open module paths and what stands there.
+    /// Open or new module paths and what stands there.
     pub fills: &'a [(&'a str, Fill<'a>)],
     /// Conditions for `@if`.
     pub features: &'a [(&'a str, bool)],
@@ -81,16 +83,35 @@ impl Gpu {
     /// # Errors
     /// `KernelRejected` with the compiler's message; `Unsupported` if the workgroup is too large for the device.
     pub fn pipeline(&self, kernel: &Kernel<'_>) -> Result<Arc<Pipeline>> {
-        let key = format!("{kernel:?}");
+        let from_caller = kernel.fills.iter().any(|(_, fill)| matches!(fill, Fill::Caller(_)));
+        self.cached(kernel, from_caller)
+    }
+
+    /// As [`Gpu::pipeline`], without run-time checks also where a caller's source is in the module. For the baselines
+    /// of `nearfield-bench`, which must be compared by the same terms as the library's own kernels.
+    ///
+    /// # Safety
+    /// Whatever the buffers bound to it hold, no invocation may index beyond the end of a buffer or an array, and every
+    /// loop must end.
+    ///
+    /// # Errors
+    /// As [`Gpu::pipeline`].
+    #[doc(hidden)]
+    pub unsafe fn pipeline_unchecked(&self, kernel: &Kernel<'_>) -> Result<Arc<Pipeline>> {
+        self.cached(kernel, false)
+    }
+
+    fn cached(&self, kernel: &Kernel<'_>, checks: bool) -> Result<Arc<Pipeline>> {
+        let key = format!("{checks} {kernel:?}");
         if let Some(pipeline) = self.pipelines().get(&key) {
             return Ok(Arc::clone(pipeline));
         }
-        let pipeline = Arc::new(self.compile(kernel)?);
+        let pipeline = Arc::new(self.compile(kernel, checks)?);
         self.pipelines().insert(key, Arc::clone(&pipeline));
         Ok(pipeline)
     }
 
-    fn compile(&self, kernel: &Kernel<'_>) -> Result<Pipeline> {
+    fn compile(&self, kernel: &Kernel<'_>, checks: bool) -> Result<Pipeline> {
         let name = format!("{}::{}", kernel.module, kernel.entry);
         // wgpu does not validate overridden workgroup sizes.
         if kernel.workgroup_size > self.limits().workgroup_invocations {
@@ -100,16 +121,16 @@ impl Gpu {
             });
         }
         let source = shader::compose(kernel.module, kernel.fills, kernel.features, false)?;
-        let from_caller = kernel.fills.iter().any(|(_, fill)| matches!(fill, Fill::Caller(_)));
         let device = self.device();
         let compiled = self.checked(&name, 0, || {
             let descriptor =
                 wgpu::ShaderModuleDescriptor { label: Some(&name), source: wgpu::ShaderSource::Wgsl(source.into()) };
-            let module = if from_caller || checks_forced() {
+            let module = if checks || checks_forced() {
                 device.create_shader_module(descriptor)
             } else {
-                // SAFETY: the source is wholly the library's own: every kernel guards its indices by the lengths in
-                // its parameters, and every loop has a bound; the suite runs the same kernels with checks on.
+                // SAFETY: the source is wholly the library's own, or `pipeline_unchecked` was promised the same of it:
+                // every kernel guards its indices by the lengths in its parameters, and every loop has a bound; the
+                // suite runs the same kernels with checks on.
                 unsafe { device.create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked()) }
             };
             let groups: Vec<wgpu::BindGroupLayout> = [kernel.bindings, kernel.visitor_bindings]

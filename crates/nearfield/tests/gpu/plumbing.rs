@@ -26,6 +26,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("parts_of_words_are_read_but_not_written", parts_of_words_are_read_but_not_written),
         gpu_trial("sizes_that_do_not_fit_are_refused", sizes_that_do_not_fit_are_refused),
         gpu_trial("pipelines_are_compiled_once", pipelines_are_compiled_once),
+        gpu_trial("a_callers_own_module_is_a_kernel", a_callers_own_module_is_a_kernel),
         gpu_trial("work_that_the_driver_refuses_is_an_error", work_that_the_driver_refuses_is_an_error),
         gpu_trial("a_wrong_access_is_rejected_with_the_kernel", a_wrong_access_is_rejected_with_the_kernel),
         gpu_trial("every_stage_has_its_time", every_stage_has_its_time),
@@ -205,6 +206,42 @@ fn pipelines_are_compiled_once(gpu: &Gpu) {
     assert!(matches!(gpu.pipeline(&huge), Err(Error::Unsupported { .. })));
     let missing = Kernel { module: "package::query::missing", ..RESTORE };
     assert!(matches!(gpu.pipeline(&missing), Err(Error::KernelRejected { .. })));
+}
+
+const DOUBLE: &str = "
+import package::gpu::dispatch::workgroup_number;
+
+@group(0) @binding(0) var<storage, read_write> values: array<u32>;
+
+@compute @workgroup_size(64)
+fn double(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let i = workgroup_number(group, groups) * 64u + lane;
+    if i < arrayLength(&values) {
+        values[i] *= 2u;
+    }
+}
+";
+
+fn a_callers_own_module_is_a_kernel(gpu: &Gpu) {
+    let module = "package::callers::double";
+    let fills = [(module, Fill::Caller(DOUBLE))];
+    let kernel = Kernel { fills: &fills, ..Kernel::new(module, "double", &[Access::ReadWrite], 64) };
+    let checked = gpu.pipeline(&kernel).unwrap();
+    // SAFETY: the kernel guards its only index and has no loop.
+    let unchecked = unsafe { gpu.pipeline_unchecked(&kernel) }.unwrap();
+    assert!(!Arc::ptr_eq(&checked, &unchecked), "one is compiled with run-time checks");
+    for pipeline in [checked, unchecked] {
+        let values: Vec<u32> = (0..100).collect();
+        let buffer = gpu.upload("values", &values).unwrap();
+        let mut commands = gpu.commands("double");
+        commands.dispatch(&pipeline, &[(&buffer).into()], Workgroups::Covering(100));
+        commands.run().unwrap();
+        assert!(gpu.read(&buffer).unwrap().iter().copied().eq((0..100).map(|v| 2 * v)));
+    }
 }
 
 fn run(gpu: &Gpu, pipeline: &Arc<Pipeline>, bindings: &[Bind]) -> nearfield::Result<()> {
