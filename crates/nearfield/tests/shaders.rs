@@ -9,7 +9,7 @@ use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
-use nearfield::query::{Batch, KnnBatch, KnnRun};
+use nearfield::query::{Batch, KnnBatch, KnnRun, Sweep};
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::BruteForceLayout;
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
@@ -282,7 +282,10 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         farthest
     });
     let brute_force = layout_of!(BruteForceLayout { period, n_points, inverse_period, padding });
-    let batch = with_single_words(layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, padding }));
+    let batch =
+        with_single_words(layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, first, end, padding }));
+    let sweep =
+        layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
     let knn = layout_of!(KnnBatch { count, first_id, exclude_self, own_radius, radius, k, padding });
     let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
     BTreeMap::from([
@@ -293,6 +296,7 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         ("Batch", batch),
         ("KnnRun", layout_of!(KnnRun { count, first_id, exclude_self, own_radius, radius, k, first, padding })),
         ("KnnBatch", with_single_words(knn)),
+        ("Sweep", sweep),
         ("Domain", domain()),
     ])
 }

@@ -7,9 +7,10 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::coherent;
 use super::rows::{self, TaskRows};
 use super::{
-    Counts, FixedRadius, Nearest, Neighbor, NeighborRows, NeighborSearch, Neighbors, Queries, Report, RowOrder, Stage,
+    Clock, Counts, FixedRadius, Nearest, Neighbor, NeighborRows, NeighborSearch, Neighbors, Queries, Report, RowOrder, Stage,
 };
 use crate::geometry::row_simd::{self, Ball, Hits, Simd};
 use crate::geometry::{Aabb, OrderedPoints};
@@ -23,6 +24,15 @@ const TASK_QUERIES: usize = 4096;
 pub(super) struct OrderedQueries<'a> {
     pub(super) points: Cow<'a, OrderedPoints>,
     pub(super) packs: Cow<'a, [u32]>,
+    /// The leaf of each pack, where the structure is a tree that is searched coherently.
+    pub(super) leaves: Vec<usize>,
+}
+
+impl OrderedQueries<'_> {
+    /// Places of the queries of a pack.
+    pub(super) fn pack(&self, pack: usize) -> Range<usize> {
+        self.packs[pack] as usize..self.packs[pack + 1] as usize
+    }
 }
 
 /// One query with everything its search needs.
@@ -35,18 +45,50 @@ pub(super) struct Query<'a> {
 }
 
 pub(super) fn ordered<'a, S: CpuStructure>(structure: &'a S, queries: Queries<'_>) -> Result<OrderedQueries<'a>> {
+    if let Some(tree) = structure.coherent_tree() {
+        return Ok(coherent::pack_by_leaf(tree, queries));
+    }
     Ok(match queries {
-        Queries::Points => {
-            OrderedQueries { points: Cow::Borrowed(structure.points()), packs: Cow::Borrowed(structure.packs()) }
-        }
+        Queries::Points => OrderedQueries {
+            points: Cow::Borrowed(structure.points()),
+            packs: Cow::Borrowed(structure.packs()),
+            leaves: Vec::new(),
+        },
         Queries::Other(queries) => {
             let packed = structure.pack_queries(queries)?;
             OrderedQueries {
                 points: Cow::Owned(OrderedPoints::gather(queries, &packed.order)),
                 packs: Cow::Owned(packed.packs),
+                leaves: Vec::new(),
             }
         }
     })
+}
+
+/// What every task made, in searching order, and the times of the phases where the search has phases.
+pub(super) struct Made<T> {
+    pub(super) tasks: Vec<T>,
+    phases: Phases,
+}
+
+/// Times of the phases of a search; none where it has one phase.
+#[derive(Default)]
+struct Phases(Vec<Stage>);
+
+impl Phases {
+    /// Adds the time since `start`.
+    fn end(&mut self, name: &'static str, start: Instant) {
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        self.0.push(Stage { name, milliseconds, clock: Clock::Host });
+    }
+
+    /// Adds the times to a report, or that of the one phase, which began at `start`.
+    fn add_to(self, report: &mut Report, start: Instant) {
+        if self.0.is_empty() {
+            report.host_stage("query", start);
+        }
+        report.stages.extend(self.0);
+    }
 }
 
 /// Runs `visit` on every query, tasks of packs in parallel; returns what each task made, in searching order.
@@ -56,33 +98,53 @@ pub(super) fn for_each_query<S, T>(
     question: &FixedRadius<'_>,
     start_task: impl Fn(usize) -> T + Sync,
     visit: impl Fn(&mut T, &Query<'_>) -> bool + Sync,
-) -> Result<Vec<T>>
+) -> Result<Made<T>>
 where
     S: CpuStructure,
     T: Send,
 {
+    let mut phases = Phases::default();
+    let start = Instant::now();
     let queries = ordered(structure, question.queries)?;
+    let candidates = structure.coherent_tree().map(|tree| {
+        phases.end("pack", start);
+        let start = Instant::now();
+        let candidates = coherent::find_candidates(tree, question, &queries);
+        phases.end("traverse", start);
+        candidates
+    });
     let (points, packs) = (&*queries.points, &*queries.packs);
+    let start = Instant::now();
     let stopped = AtomicBool::new(false);
-    let made = tasks(packs)
+    let tasks = tasks(packs)
         .into_par_iter()
         .map(|task| {
             let n = packs[task.end] - packs[task.start];
             let mut made = start_task(n as usize);
-            let mut spans = Vec::new();
-            for pack in packs[task.start..=task.end].windows(2) {
+            let mut looked_up = Vec::new();
+            for pack in task {
                 if stopped.load(Ordering::Relaxed) {
                     break;
                 }
-                let places = pack[0] as usize..pack[1] as usize;
-                if !visit_pack(structure, question, points, places, &mut spans, |query| visit(&mut made, query)) {
+                let places = queries.pack(pack);
+                let spans = match &candidates {
+                    Some(candidates) => &candidates[pack],
+                    None => {
+                        look_up(structure, question, points, places.clone(), &mut looked_up);
+                        &looked_up
+                    }
+                };
+                if !visit_pack(structure, question, points, places, spans, |query| visit(&mut made, query)) {
                     stopped.store(true, Ordering::Relaxed);
                 }
             }
             made
         })
         .collect();
-    Ok(made)
+    if candidates.is_some() {
+        phases.end("extract", start);
+    }
+    Ok(Made { tasks, phases })
 }
 
 /// Cuts packs into tasks of about [`TASK_QUERIES`] queries; ranges of pack numbers.
@@ -99,22 +161,32 @@ pub(super) fn tasks(packs: &[u32]) -> Vec<Range<usize>> {
     tasks
 }
 
-fn visit_pack<S: CpuStructure>(
+/// The spans of everything near the queries at these places.
+fn look_up<S: CpuStructure>(
     structure: &S,
     question: &FixedRadius<'_>,
     points: &OrderedPoints,
     places: Range<usize>,
     spans: &mut Vec<Range<usize>>,
-    mut visit: impl FnMut(&Query<'_>) -> bool,
-) -> bool {
+) {
     let mut region = Aabb::EMPTY;
     let mut reach = 0f32;
-    for place in places.clone() {
+    for place in places {
         region = region.grown_to(points.position(place));
         reach = reach.max(question.radius_of(points.id(place) as usize));
     }
     spans.clear();
     structure.spans_near(&region, reach, spans);
+}
+
+fn visit_pack<S: CpuStructure>(
+    structure: &S,
+    question: &FixedRadius<'_>,
+    points: &OrderedPoints,
+    places: Range<usize>,
+    spans: &[Range<usize>],
+    mut visit: impl FnMut(&Query<'_>) -> bool,
+) -> bool {
     for place in places {
         let id = points.id(place);
         let radius = question.radius_of(id as usize);
@@ -172,11 +244,11 @@ impl<S: CpuStructure> NeighborSearch for S {
             true
         })?;
         let mut counts = vec![0; question.len(points.len())];
-        for (id, count) in made.into_iter().flatten() {
+        for (id, count) in made.tasks.into_iter().flatten() {
             counts[id as usize] = count;
         }
         let mut report = report(self, "row_simd::count");
-        report.host_stage("query", start);
+        made.phases.add_to(&mut report, start);
         Ok(Counts { counts, report })
     }
 
@@ -193,9 +265,9 @@ impl<S: CpuStructure> NeighborSearch for S {
             return Err(too_large(self, question)?);
         };
         let mut report = report(self, "row_simd::collect");
-        report.host_stage("query", start);
+        made.phases.add_to(&mut report, start);
         let start = Instant::now();
-        let mut neighbors = rows::assemble(made, n_queries, question.distances)?;
+        let mut neighbors = rows::assemble(made.tasks, n_queries, question.distances)?;
         report.host_stage("assemble", start);
         neighbors.report = report;
         Ok(neighbors)
@@ -222,14 +294,14 @@ impl<S: CpuStructure> NeighborSearch for S {
         )?;
         let n_queries = question.len(points.len());
         let (mut indices, mut dist2) = (vec![Nearest::NONE; n_queries], vec![f32::INFINITY; n_queries]);
-        for (id, nearest) in made.into_iter().flat_map(|(found, _)| found) {
+        for (id, nearest) in made.tasks.into_iter().flat_map(|(found, _)| found) {
             if let Some((index, d2)) = nearest {
                 indices[id as usize] = index;
                 dist2[id as usize] = d2;
             }
         }
         let mut report = report(self, "row_simd::collect");
-        report.host_stage("query", start);
+        made.phases.add_to(&mut report, start);
         Ok(Nearest { indices, dist2, report })
     }
 }
@@ -238,7 +310,7 @@ impl<S: CpuStructure> NeighborSearch for S {
 fn find_rows<S: CpuStructure, const DIST2: bool>(
     structure: &S,
     question: &FixedRadius<'_>,
-) -> Result<Option<Vec<TaskRows>>> {
+) -> Result<Option<Made<TaskRows>>> {
     let (simd, points) = (Simd::best(), structure.points());
     let limit = rows::entry_limit(question, points.len());
     let entries = AtomicU64::new(0);
@@ -254,7 +326,7 @@ fn find_rows<S: CpuStructure, const DIST2: bool>(
         }
         fine
     })?;
-    let total: u64 = made.iter().map(|m| m.hits.ids.len() as u64).sum();
+    let total: u64 = made.tasks.iter().map(|m| m.hits.ids.len() as u64).sum();
     Ok((fits.into_inner() && total <= limit).then_some(made))
 }
 
@@ -288,9 +360,9 @@ pub trait ListRows: CpuStructure {
         let Some(made) = made else {
             return Err(too_large(self, question)?);
         };
-        let mut rows = rows::concatenate(&made, question.len(self.points().len()))?;
+        let mut rows = rows::concatenate(&made.tasks, question.len(self.points().len()))?;
         rows.report = report(self, "row_simd::collect");
-        rows.report.host_stage("query", start);
+        made.phases.add_to(&mut rows.report, start);
         Ok(rows)
     }
 }

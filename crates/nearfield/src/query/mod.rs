@@ -8,6 +8,7 @@
 mod boxes;
 #[cfg(feature = "gpu")]
 mod choose;
+mod coherent;
 mod cpu;
 mod fixed_radius;
 #[cfg(feature = "gpu")]
@@ -25,6 +26,9 @@ mod search;
 pub use boxes::{BoxSearch, Boxes};
 #[cfg(feature = "gpu")]
 pub use choose::{Purpose, StructureChoice};
+#[doc(hidden)]
+pub use coherent::Sweep;
+pub use coherent::{PhaseLanes, SearchCounters};
 pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]

@@ -86,6 +86,11 @@ pub trait CpuStructure: Sync {
     /// at most once.
     fn spans_near(&self, region: &Aabb, radius: f32, spans: &mut Vec<Range<usize>>);
 
+    /// The tree, where questions are to be answered by its coherent search, with phases of their own.
+    fn coherent_tree(&self) -> Option<&AabbTree> {
+        None
+    }
+
     /// Times of the build.
     fn build_stages(&self) -> &[BuildStage];
 

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::BuildStage;
+use super::{BuildStage, GpuAabbTree};
 use crate::Result;
 use crate::geometry::Aabb;
 use crate::gpu::{Access, Bind, Buffer, Gpu};
@@ -66,6 +66,12 @@ pub trait GpuStructure: Sync {
     /// # Errors
     /// `OutOfDeviceMemory`, `DeviceLost`.
     fn upload_queries(&self, queries: &[Vec3]) -> Result<Buffer<DevicePoint>>;
+
+    /// The tree, where questions are to be answered by its coherent search: its queries are then packed first, and the
+    /// traversal goes through the candidates of a pack.
+    fn coherent_tree(&self) -> Option<&GpuAabbTree> {
+        None
+    }
 
     /// Times of the build.
     fn build_stages(&self) -> &[BuildStage];

@@ -357,6 +357,8 @@ pub(crate) const SUBJECTS: &[Subject] = &[
     #[cfg(feature = "gpu")]
     tree_on_gpu!(1),
     #[cfg(feature = "gpu")]
+    tree_on_gpu!(2),
+    #[cfg(feature = "gpu")]
     tree_on_gpu!(3),
     #[cfg(feature = "gpu")]
     octree_on_gpu!(0),
@@ -504,7 +506,13 @@ impl Subject {
             Asked::Boxes => return ("thread-a-box", vec!["package::query::boxes".to_owned()]),
             _ => {}
         }
-        let by_masks = self.structure != "brute-force" && asked == (Asked::List { sorted: false, distances: false });
+        let plain = asked == (Asked::List { sorted: false, distances: false });
+        let coherent = self.variant == "coherent";
+        if coherent && plain {
+            let kernel = |name: &str| format!("package::query::coherent::{name}");
+            return ("coherent", ["pack", "back_traverse", "extract"].map(|name| kernel(name)).to_vec());
+        }
+        let by_masks = self.structure != "brute-force" && plain;
         let (search, visitors): (_, &[&str]) = match asked {
             Asked::Count => ("thread-a-query", &["count"]),
             Asked::List { .. } if by_masks => ("row-masks", &["row_masks"]),
@@ -512,9 +520,14 @@ impl Subject {
             Asked::CappedList => ("nearest-k", &["nearest_k"]),
             Asked::Nearest | Asked::Knn | Asked::Boxes => ("thread-a-query", &["nearest"]),
         };
-        let traverse = format!("package::structure::{}::traverse", self.structure.replace('-', "_"));
+        let mut traverse = format!("package::structure::{}::traverse", self.structure.replace('-', "_"));
+        let (mut search, mut kernels) = (search, Vec::new());
+        if coherent {
+            (search, traverse) = ("coherent", "package::query::coherent::candidates".to_owned());
+            kernels = ["pack", "back_traverse"].map(|name| format!("package::query::coherent::{name}")).to_vec();
+        }
         let kernel = |v: &&str| format!("package::query::fixed_radius with {traverse} and package::query::{v}");
-        let mut kernels: Vec<String> = visitors.iter().map(kernel).collect();
+        kernels.extend(visitors.iter().map(kernel));
         match asked {
             Asked::List { .. } if by_masks => kernels.push("package::query::expand_masks".into()),
             Asked::List { sorted: true, .. } => kernels.push("package::query::sort_rows".into()),

@@ -57,7 +57,10 @@ pub(super) fn in_batches<S: GpuStructure>(
         } else {
             QueryBuffers::in_caller_order(structure, question, range)
         };
-        let asked = queries.and_then(|queries| ask(&queries, report));
+        let asked = queries.and_then(|queries| {
+            queries.add_stages_to(report);
+            ask(&queries, report)
+        });
         if asked.is_err() {
             // Times of a batch that is tried again would count its work twice.
             report.stages.truncate(n_stages);

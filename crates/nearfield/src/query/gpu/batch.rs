@@ -26,7 +26,7 @@ pub(super) fn halving(n: usize, smallest: usize, mut work: impl FnMut(Range<usiz
 }
 
 /// Cuts rows of these lengths into consecutive ranges of at most `capacity` entries, but at least one row.
-pub(super) fn windows(lengths: &[u32], capacity: u64) -> Vec<Range<usize>> {
+pub(in crate::query) fn windows(lengths: &[u32], capacity: u64) -> Vec<Range<usize>> {
     let (mut ranges, mut first, mut entries) = (Vec::new(), 0, 0);
     for (i, &length) in lengths.iter().enumerate() {
         if i > first && entries + u64::from(length) > capacity {

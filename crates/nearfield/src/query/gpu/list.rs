@@ -176,6 +176,7 @@ fn fill_part<S: GpuStructure>(
     }
     let offsets = gpu.upload("row offsets", &offsets)?;
     let queries = QueryBuffers::in_caller_order(structure, question, window)?;
+    queries.add_stages_to(report);
     let mut commands = gpu.commands("fill rows");
     let rows = record_fill(&mut commands, structure, question, order, &queries, (&offsets, total as usize))?;
     add_stages(report, &commands.run()?);

@@ -52,6 +52,24 @@ pub(super) fn traversal<S: GpuStructure>(
         Queries::Other(queries) => Some(reduce::bounds(queries)),
     };
     let walk = structure.most_effort(question.largest_radius(), queries.as_ref())?;
+    choose_for(structure, walk, visitor, limit)
+}
+
+/// How to go through lists of at most so many candidates.
+///
+/// # Errors
+/// As [`traversal`].
+pub(super) fn through_candidates<S: GpuStructure>(
+    structure: &S,
+    candidates: u32,
+    visitor: VisitorRounds,
+) -> Result<Traversal> {
+    let Some(limit) = structure.gpu().limits().loop_rounds else { return Ok(Traversal::default()) };
+    choose_for(structure, Effort { candidates: u64::from(candidates), rounds: 0 }, visitor, limit)
+}
+
+fn choose_for<S: GpuStructure>(structure: &S, walk: Effort, visitor: VisitorRounds, limit: u32) -> Result<Traversal> {
+    let gpu = structure.gpu();
     let all = Effort { candidates: structure.len() as u64, rounds: 0 };
     choose(walk, all, visitor, limit).ok_or_else(|| Error::Unsupported {
         what: format!(

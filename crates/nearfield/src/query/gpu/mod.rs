@@ -6,7 +6,7 @@
 //! lies in boxes; `loops` keeps answers exact on devices that end long loops.
 
 mod answers;
-mod batch;
+pub(super) mod batch;
 mod boxes;
 mod capped_list;
 mod knn;

@@ -7,6 +7,7 @@ use crate::gpu::shader::Fill;
 use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Workgroups};
 use crate::parallel::reduce::GpuReduce;
 use crate::parallel::scan::GpuScan;
+use crate::query::coherent::EXTRACT;
 use crate::query::{FixedRadius, Report, RowOrder};
 use crate::structure::GpuStructure;
 use crate::{Error, Result};
@@ -115,6 +116,7 @@ pub trait SearchOnDevice: GpuStructure {
         let queries = QueryBuffers::in_search_order(self, question)?;
         let counts = self.gpu().buffer("neighbour counts", question.len(self.len()))?;
         let mut report = visit::report(self, "thread-a-query", &["package::query::count"]);
+        queries.add_stages_to(&mut report);
         let mut commands = self.gpu().commands("count neighbours");
         commands.stage("query");
         visit::record(&mut commands, self, question, &queries, &COUNT, &[(&counts).into()])?;
@@ -165,6 +167,9 @@ pub trait SearchOnDevice: GpuStructure {
     {
         question.validate(self.len())?;
         let plain = FixedRadius { distances: false, order: RowOrder::Unspecified, max_neighbors: None, ..*question };
+        if self.coherent_tree().is_some() {
+            return rows_of_list(self, &plain);
+        }
         match super::row_masks::applies(self, &plain) {
             Some(ids) => super::row_masks::rows_on_device(self, ids, &plain),
             None => Err(Error::Unsupported {
@@ -176,6 +181,29 @@ pub trait SearchOnDevice: GpuStructure {
 }
 
 impl<S: GpuStructure> SearchOnDevice for S {}
+
+/// A list whose rows are told by start and length.
+fn rows_of_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<GpuNeighborRows> {
+    let gpu = structure.gpu();
+    let list = list_on_device(structure, question, |_| Ok(RowOrder::Unspecified))?;
+    let n = list.offsets.len() - 1;
+    let (starts, lengths) = (gpu.buffer("row starts", n)?, gpu.buffer("row lengths", n)?);
+    let kernel = Kernel {
+        constants: &[("WORKGROUP", f64::from(WORKGROUP))],
+        ..Kernel::new(
+            "package::query::split_offsets",
+            "split_offsets",
+            &[Access::Uniform, Access::Read, Access::ReadWrite, Access::ReadWrite],
+            WORKGROUP,
+        )
+    };
+    let n_rows = gpu.uniform("number of rows", &[n as u32, 0, 0, 0])?;
+    let binds = [(&n_rows).into(), (&list.offsets).into(), (&starts).into(), (&lengths).into()];
+    let mut commands = gpu.commands("starts and lengths of rows");
+    commands.dispatch(&gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(n as u64));
+    commands.submit()?;
+    Ok(GpuNeighborRows { starts, lengths, indices: list.indices, report: list.report })
+}
 
 /// The report of a list by two passes, with the sort of its rows where the device orders them.
 pub(super) fn report_two_passes<S: GpuStructure>(structure: &S, order: RowOrder) -> Report {
@@ -207,6 +235,16 @@ pub(super) fn list_on_device<S: GpuStructure>(
     let gpu = structure.gpu();
     let n = question.len(structure.len());
     let queries = QueryBuffers::in_search_order(structure, question)?;
+    let plain = !question.distances && question.order == RowOrder::Unspecified;
+    if let Some(candidates) = queries.candidates().filter(|found| plain && found.can_extract()) {
+        let size = |entries| ListSize { entries, longest_row: 0 };
+        let extracted = candidates.extract(gpu, |entries| accept(size(entries)).map(drop))?;
+        let mut report = visit::report(structure, "coherent", &[]);
+        report.kernels.push(EXTRACT.to_owned());
+        queries.add_stages_to(&mut report);
+        add_stages(&mut report, &extracted.stages);
+        return Ok(GpuNeighbors { offsets: extracted.offsets, indices: extracted.indices, dist2: None, report });
+    }
     let counts = gpu.buffer("neighbour counts", n)?;
     let offsets = gpu.buffer("row offsets", n + 1)?;
     let sum: Buffer<u64> = gpu.buffer("number of entries", 1)?;
@@ -230,6 +268,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
     };
     let order = accept(ListSize { entries: total, longest_row })?;
     let mut report = report_two_passes(structure, order);
+    queries.add_stages_to(&mut report);
     add_stages(&mut report, &times);
     let available = gpu.limits().binding_bytes;
     if total * 4 > available {

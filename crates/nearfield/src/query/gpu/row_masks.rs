@@ -39,11 +39,12 @@ const FILL_OVERFLOWED: VisitorCode<'static> = VisitorCode {
 };
 
 /// The indices of the structure's points, where this question can be answered with masks: only indices, in the order
-/// in which they are found, and masks of all queries within one binding.
+/// in which they are found, and masks of all queries within one binding. Candidate lists have no runs to make masks of.
 pub(super) fn applies<'a, S: GpuStructure>(structure: &'a S, question: &FixedRadius<'_>) -> Option<&'a Buffer<u32>> {
     let plain = !question.distances && question.order == RowOrder::Unspecified;
     let mask_bytes = question.len(structure.len()) as u64 * u64::from(WORDS) * 8;
-    structure.ids().filter(|_| plain && mask_bytes <= structure.gpu().limits().binding_bytes)
+    let walks = structure.coherent_tree().is_none();
+    structure.ids().filter(|_| walks && plain && mask_bytes <= structure.gpu().limits().binding_bytes)
 }
 
 /// The list by masks, rows in query order. `accept` sees the size before memory is taken for the entries; rows have no

@@ -5,10 +5,12 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::answers::add_stages;
 use super::loops::{self, Traversal, VisitorRounds};
 use crate::Result;
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Pipeline, Workgroups};
+use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
+use crate::query::coherent::{Asking, BACK_TRAVERSE, CANDIDATES, Candidates, PACK};
 use crate::query::{FixedRadius, Queries, Radius, Report};
 use crate::structure::{DevicePoint, GpuStructure, device_points};
 
@@ -29,8 +31,12 @@ pub struct Batch {
     pub own_radius: u32,
     /// The radius where all have one.
     pub radius: f32,
+    /// Place of the first query of this dispatch.
+    pub first: u32,
+    /// End of the queries of this dispatch.
+    pub end: u32,
     /// Unused.
-    pub padding: [u32; 3],
+    pub padding: u32,
 }
 
 /// What a kernel does with each neighbour.
@@ -50,17 +56,38 @@ pub(super) struct QueryBuffers {
     radii: Buffer<f32>,
     /// The caller's index that has slot 0.
     first_id: u32,
+    /// Where the structure is searched coherently.
+    candidates: Option<Candidates>,
 }
 
 impl QueryBuffers {
+    /// Queries as they will be searched: in packs, with their candidates, where the structure is searched coherently.
+    fn new<S: GpuStructure>(
+        structure: &S,
+        question: &FixedRadius<'_>,
+        (queries, radii): (Buffer<DevicePoint>, Buffer<f32>),
+        first_id: u32,
+        own: bool,
+    ) -> Result<Self> {
+        let asking = Asking { queries: &queries, radii: &radii, first_id, own };
+        let find = |tree| Candidates::find(tree, question, asking);
+        let candidates = structure.coherent_tree().map(find).transpose()?;
+        let packed = candidates.as_ref().and_then(Candidates::queries).cloned();
+        Ok(Self { queries: packed.unwrap_or(queries), radii, first_id, candidates })
+    }
+
     /// The queries of the question in the structure's order: slots are the caller's indices.
     pub(super) fn in_search_order<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Self> {
-        let queries = match question.queries {
-            Queries::Points => structure.points().clone(),
-            Queries::Other(queries) => structure.upload_queries(queries)?,
+        let (queries, own) = match question.queries {
+            Queries::Points => (structure.points().clone(), true),
+            // Packs have an order of their own.
+            Queries::Other(queries) if structure.coherent_tree().is_some() => {
+                (structure.gpu().upload("queries", &device_points(queries, 0))?, false)
+            }
+            Queries::Other(queries) => (structure.upload_queries(queries)?, false),
         };
         let radii = radii(structure, question, 0..question.len(structure.len()))?;
-        Ok(Self { queries, radii, first_id: 0 })
+        Self::new(structure, question, (queries, radii), 0, own)
     }
 
     /// Consecutive queries in the caller's order, with slots from 0 on. The memory is that of the window.
@@ -76,7 +103,20 @@ impl QueryBuffers {
             }
             Queries::Points => restored_points(structure, window.clone())?,
         };
-        Ok(Self { queries, radii: radii(structure, question, window)?, first_id })
+        let radii = radii(structure, question, window)?;
+        Self::new(structure, question, (queries, radii), first_id, false)
+    }
+
+    /// What a coherent search has found for them.
+    pub(super) fn candidates(&self) -> Option<&Candidates> {
+        self.candidates.as_ref()
+    }
+
+    /// Adds the times of what was done to them before they can be searched.
+    pub(super) fn add_stages_to(&self, report: &mut Report) {
+        if let Some(candidates) = &self.candidates {
+            add_stages(report, &candidates.stages);
+        }
     }
 
     /// `[n]` the queries with the caller's indices.
@@ -132,17 +172,23 @@ fn radii<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>, window: Ran
     }
 }
 
+/// The module that visits what is near a query.
+fn traverse_module<S: GpuStructure>(structure: &S) -> &'static str {
+    if structure.coherent_tree().is_some() { CANDIDATES } else { structure.traverse_module() }
+}
+
 /// The pipeline of the query kernel for this structure and visitor.
 fn pipeline<S: GpuStructure>(structure: &S, visitor: &VisitorCode<'_>, traversal: Traversal) -> Result<Arc<Pipeline>> {
     let mut accesses = vec![Access::Uniform, Access::Read, Access::Read];
     accesses.extend(structure.bindings().iter().map(|(access, _)| *access));
+    // The bindings of `candidates` are those of the tree, with the candidates in place of the nodes.
     let mut all: Vec<(&str, bool)> =
         vec![("distances", false), ("by_index", false), ("hashed", false), ("masks", false)];
     all.extend([("short_loops", traversal.short_loops), ("all_points", traversal.all_points)]);
     all.extend(structure.features());
     all.extend_from_slice(visitor.features);
     let fills = [
-        ("package::structure::selected", Fill::Module(structure.traverse_module())),
+        ("package::structure::selected", Fill::Module(traverse_module(structure))),
         ("package::structure::visitor", visitor.source),
     ];
     structure.gpu().pipeline(&Kernel {
@@ -166,8 +212,34 @@ pub(super) fn record<S: GpuStructure>(
     visitor: &VisitorCode<'_>,
     visitor_binds: &[Bind],
 ) -> Result<()> {
-    let traversal = loops::traversal(structure, question, visitor.rounds)?;
+    let traversal = match &queries.candidates {
+        Some(found) => loops::through_candidates(structure, found.largest, visitor.rounds)?,
+        None => loops::traversal(structure, question, visitor.rounds)?,
+    };
     let pipeline = pipeline(structure, visitor, traversal)?;
+    let Some(found) = &queries.candidates else {
+        let binds: Vec<Bind> = structure.bindings().into_iter().map(|(_, bind)| bind).collect();
+        let all = 0..queries.len() as u32;
+        return record_part(commands, structure.gpu(), question, (queries, all), &pipeline, &binds, visitor_binds);
+    };
+    for window in &found.windows {
+        found.record_window(commands, window)?;
+        let part = (queries, window.queries.clone());
+        record_part(commands, structure.gpu(), question, part, &pipeline, &found.bindings(), visitor_binds)?;
+    }
+    Ok(())
+}
+
+/// Records one run over the queries at some places.
+fn record_part(
+    commands: &mut Commands,
+    gpu: &Gpu,
+    question: &FixedRadius<'_>,
+    (queries, places): (&QueryBuffers, Range<u32>),
+    pipeline: &Arc<Pipeline>,
+    structure_binds: &[Bind],
+    visitor_binds: &[Bind],
+) -> Result<()> {
     let (own_radius, radius) = match question.radius {
         Radius::One(radius) => (0, radius),
         Radius::Each(_) => (1, 0.0),
@@ -178,24 +250,30 @@ pub(super) fn record<S: GpuStructure>(
         exclude_self: u32::from(question.exclude_self),
         own_radius,
         radius,
-        padding: [0; 3],
+        first: places.start,
+        end: places.end,
+        padding: 0,
     };
-    let batch = structure.gpu().uniform("query batch", &batch)?;
+    let batch = gpu.uniform("query batch", &batch)?;
     let mut binds: Vec<Bind> = vec![(&batch).into(), (&queries.queries).into(), (&queries.radii).into()];
-    binds.extend(structure.bindings().into_iter().map(|(_, bind)| bind));
-    commands.dispatch_with_visitor(&pipeline, &binds, visitor_binds, Workgroups::Covering(queries.len() as u64));
+    binds.extend_from_slice(structure_binds);
+    commands.dispatch_with_visitor(pipeline, &binds, visitor_binds, Workgroups::Covering(places.len() as u64));
     Ok(())
 }
 
 /// A report that names the structure, the device and the kernel with its parts.
 pub(super) fn report<S: GpuStructure>(structure: &S, search: &'static str, visitors: &[&str]) -> Report {
-    let traverse = structure.traverse_module();
+    let traverse = traverse_module(structure);
     let kernel = |visitor: &&str| format!("package::query::fixed_radius with {traverse} and {visitor}");
+    let (search, before) = match structure.coherent_tree() {
+        Some(_) => ("coherent", &[PACK, BACK_TRAVERSE][..]),
+        None => (search, &[][..]),
+    };
     Report {
         structure: S::NAME,
         search,
         device: structure.gpu().name().to_owned(),
-        kernels: visitors.iter().map(kernel).collect(),
+        kernels: before.iter().map(|&kernel| kernel.to_owned()).chain(visitors.iter().map(kernel)).collect(),
         batches: 1,
         ..Report::default()
     }

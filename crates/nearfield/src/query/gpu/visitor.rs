@@ -65,6 +65,7 @@ pub trait ForEachOnDevice: GpuStructure {
         };
         let queries = QueryBuffers::in_search_order(self, question)?;
         let mut report = visit::report(self, "thread-a-query", &["the caller's visitor"]);
+        queries.add_stages_to(&mut report);
         let mut commands = self.gpu().commands("run a visitor");
         commands.stage("query");
         visit::record(&mut commands, self, question, &queries, &code, &binds)?;

@@ -174,6 +174,10 @@ impl CpuStructure for AabbTree {
         self.spans_in(&self.region_near(region, radius), spans);
     }
 
+    fn coherent_tree(&self) -> Option<&AabbTree> {
+        (self.settings.search == TreeSearch::Coherent).then_some(self)
+    }
+
     fn build_stages(&self) -> &[BuildStage] {
         &self.stages
     }

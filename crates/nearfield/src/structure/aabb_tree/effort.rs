@@ -23,7 +23,22 @@ pub(super) fn most(tree: &AabbTree, radius: f32, queries: Option<&Aabb>, in_step
     if queries.is_some() || packed {
         return times(everything, apart);
     }
-    // What the region around a leaf meets is no less than what a ball around one of its points does.
+    times(around_leaves(tree, radius), in_step)
+}
+
+/// The same for invocations that go through the candidates of their pack, all in one loop, without a look at nodes.
+pub(super) fn most_candidates(tree: &AabbTree, radius: f32, queries: Option<&Aabb>) -> Effort {
+    let candidates = match queries {
+        Some(_) => tree.points.len() as u64,
+        None => around_leaves(tree, radius).candidates,
+    };
+    Effort { candidates, rounds: 0 }
+}
+
+/// The most that one invocation has to do in the region around a leaf, which meets no less than a ball around one of its
+/// points does.
+fn around_leaves(tree: &AabbTree, radius: f32) -> Effort {
+    let (n_nodes, n_leaves) = (tree.boxes.len() as u64, tree.shape.n_leaves() as u64);
     let of_leaf = |leaf: usize| {
         let mut spans = Vec::new();
         let region = tree.region_near(&tree.boxes[leaf].to_aabb(), radius);
@@ -37,6 +52,5 @@ pub(super) fn most(tree: &AabbTree, radius: f32, queries: Option<&Aabb>, in_step
     let larger =
         |a: Effort, b: Effort| Effort { candidates: a.candidates.max(b.candidates), rounds: a.rounds.max(b.rounds) };
     let none = Effort { candidates: 0, rounds: 0 };
-    let largest = tree.shape.leaves().into_par_iter().map(of_leaf).reduce(|| none, larger);
-    times(largest, in_step)
+    tree.shape.leaves().into_par_iter().map(of_leaf).reduce(|| none, larger)
 }

@@ -197,7 +197,11 @@ impl GpuStructure for GpuAabbTree {
 
     fn most_effort(&self, radius: f32, queries: Option<&Aabb>) -> Result<Effort> {
         let in_step = self.gpu.limits().subgroup.map_or(effort::MOST_IN_STEP, |(_, largest)| largest);
-        Ok(effort::most(&self.read()?, radius, queries, in_step, self.is_packed()))
+        let tree = self.read()?;
+        if self.settings.search == TreeSearch::Coherent {
+            return Ok(effort::most_candidates(&tree, radius, queries));
+        }
+        Ok(effort::most(&tree, radius, queries, in_step, self.is_packed()))
     }
 
     fn features(&self) -> Vec<(&'static str, bool)> {
@@ -215,6 +219,10 @@ impl GpuStructure for GpuAabbTree {
     /// Sorted along the Hilbert curve, so that neighbouring invocations visit the same leaves.
     fn upload_queries(&self, queries: &[Vec3]) -> Result<Buffer<DevicePoint>> {
         sorted_queries(&self.gpu, queries, &self.bounds()?, &self.fitter)
+    }
+
+    fn coherent_tree(&self) -> Option<&GpuAabbTree> {
+        (self.settings.search == TreeSearch::Coherent).then_some(self)
     }
 
     fn build_stages(&self) -> &[BuildStage] {

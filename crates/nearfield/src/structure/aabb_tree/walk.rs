@@ -40,6 +40,41 @@ impl AabbTree {
         visited
     }
 
+    /// Goes from a leaf to the root, and at each node above walks the subtree on the other side in depth-first order, as
+    /// far as boxes meet the region within `radius` of `around`. Hands the places of each leaf that is met to `take`, its
+    /// own first, and returns the number of nodes looked at.
+    ///
+    /// Source: the back-traversal of algorithms 1 and 2 of Xing2017.
+    pub(crate) fn back_traverse(
+        &self,
+        leaf: usize,
+        around: &Aabb,
+        radius: f32,
+        mut take: impl FnMut(Range<usize>),
+    ) -> usize {
+        let region = self.region_near(around, radius);
+        let (mut visited, mut current, mut subtree) = (0, leaf, leaf);
+        loop {
+            let behind = TreeShape::rope(subtree);
+            let mut next = Some(subtree);
+            while let Some(node) = next.filter(|_| next != behind) {
+                visited += 1;
+                if region.meets(&self.boxes[node]) {
+                    if !self.shape.is_leaf(node) {
+                        next = Some(2 * node + 1);
+                        continue;
+                    }
+                    take(self.shape.points(node));
+                }
+                next = TreeShape::rope(node);
+            }
+            let (Some(sibling), Some(parent)) = (TreeShape::sibling(current), TreeShape::parent(current)) else {
+                return visited;
+            };
+            (current, subtree) = (parent, sibling);
+        }
+    }
+
     /// Hands spans of points to `test`, each point at most once and near ones first, until nothing that is left can lie
     /// within the squared distance that `test` returned last, or the one given.
     pub(crate) fn boxes_nearest_first(&self, query: Vec3, reach2: f32, mut test: impl FnMut(Range<usize>) -> f32) {
