@@ -38,6 +38,24 @@ pub enum Error {
         value: f64,
     },
 
+    /// A finite coordinate of a point in any dimension too far out for its square to be a number of its type.
+    #[error(
+        "coordinate {value:e} on axis {axis} of {what} {index} is beyond ±{limit:e}, the largest supported; shift or scale \
+         the data"
+    )]
+    CoordinateBeyond {
+        /// What was being read: "points" or "queries".
+        what: &'static str,
+        /// Index of the first such element.
+        index: u64,
+        /// The axis, from 0 on.
+        axis: usize,
+        /// The value found.
+        value: f64,
+        /// The largest one possible.
+        limit: f64,
+    },
+
     /// Coordinates outside the domain that was given for them.
     #[error(
         "{count} of the {what} lie outside the given domain, the first at index {first}; enlarge the domain, or leave it \

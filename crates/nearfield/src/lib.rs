@@ -36,8 +36,9 @@ pub use glam::{DVec3, Vec3};
 #[cfg(feature = "gpu")]
 pub use gpu::{DeviceChoice, Gpu};
 pub use query::{
-    BoxSearch, Boxes, Counts, FixedRadius, ForEachNeighbor, Knn, KnnSearch, ListRows, Nearest, NearestNeighbors,
-    Neighbor, NeighborSearch, Neighbors, Queries, Radius, Report, RowOrder,
+    BoxSearch, Boxes, Counts, CountsN, FixedRadius, FixedRadiusN, ForEachNeighbor, Knn, KnnN, KnnSearch, ListRows,
+    Nearest, NearestN, NearestNeighbors, Neighbor, NeighborSearch, Neighbors, NeighborsN, Queries, QueriesN, Radius,
+    RadiusN, Report, RowOrder, SearchWork,
 };
 #[cfg(feature = "gpu")]
 pub use query::{
@@ -45,8 +46,8 @@ pub use query::{
     StructureChoice, Visitor,
 };
 pub use structure::{
-    AabbTree, AabbTreeSettings, BruteForce, BuildOrder, CellState, DenseOctree, DenseOctreeSettings, GridSettings,
-    LinearOctree, OctreeNode, OctreeSettings, TreeSearch, UniformGrid,
+    AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BuildOrder, CellState, DenseOctree,
+    DenseOctreeSettings, GridSettings, LinearOctree, OctreeNode, OctreeSettings, TreeSearch, UniformGrid,
 };
 #[cfg(feature = "gpu")]
-pub use structure::{GpuAabbTree, GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuUniformGrid};
+pub use structure::{GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuUniformGrid};

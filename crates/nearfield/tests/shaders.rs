@@ -9,7 +9,9 @@ use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
-use nearfield::query::{Batch, KnnBatch, KnnRun, Sweep};
+use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, SearchN, Sweep};
+use nearfield::structure::Scalar;
+use nearfield::structure::aabb_tree::any_dimension;
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::BruteForceLayout;
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
@@ -230,7 +232,11 @@ fn overrides_stand_in_kernels_only() {
     }
     for Variant { name, module } in variants() {
         for (_, value) in module.overrides.iter() {
-            assert!(value.name.as_deref() == Some("WORKGROUP"), "{name}: override {:?}", value.name);
+            assert!(
+                matches!(value.name.as_deref(), Some("WORKGROUP" | "DIMENSION")),
+                "{name}: override {:?}",
+                value.name
+            );
         }
     }
 }
@@ -288,7 +294,9 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
     let knn = layout_of!(KnnBatch { count, first_id, exclude_self, own_radius, radius, k, padding });
     let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
+    let search = layout_of!(SearchN { n_points, depth, count, first, exclude_self, own_points, padding_0, padding_1 });
     BTreeMap::from([
+        ("SearchN", search),
         ("OctreeLayout", octree),
         ("TreeLayout", layout_of!(TreeLayout { period, n_points, inverse_period, depth })),
         ("GridLayout", grid),
@@ -314,7 +322,14 @@ fn stored_twins() -> BTreeMap<&'static str, Layout> {
         layout_of!(OctreeNode { low, level, first_point, end_point, first_child, rope, octant, parent, child_mask });
     let summary = layout_of!(OctreeSummary { n_nodes, n_outside, first_outside, is_overfull });
     let aabb_node = layout_of!(AabbNode { low, first_point, high, end_point });
-    BTreeMap::from([("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node)])
+    let (asked, hit) = (layout_of!(Asked { id, radius }), layout_of!(HitN { index, dist2 }));
+    BTreeMap::from([
+        ("OctreeNode", node),
+        ("Summary", summary),
+        ("AabbNode", aabb_node),
+        ("Asked", asked),
+        ("HitN", hit),
+    ])
 }
 
 /// The layout of a domain, whose fields are private: from where its values stand.
@@ -460,6 +475,12 @@ fn slacks_are_the_same_on_both_sides() {
         ("WRAP_SLACK", WRAP_SLACK),
     ];
     for (name, value) in slacks {
+        assert_eq!(constant(&module, name).map(f32::to_bits), Some(value.to_bits()), "{name}");
+    }
+    let composed = compose("package::structure::aabb_tree::any_dimension::rows", &[], &[], true).unwrap();
+    let module = parse(&composed).unwrap();
+    let length = 1.0 / <f32 as Scalar>::MAX_COORDINATE;
+    for (name, value) in [("RADIUS_SLACK_N", any_dimension::RADIUS_SLACK as f32), ("LENGTH_SLACK_N", length)] {
         assert_eq!(constant(&module, name).map(f32::to_bits), Some(value.to_bits()), "{name}");
     }
 }

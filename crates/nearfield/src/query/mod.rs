@@ -5,6 +5,7 @@
 //! [`Neighbors`], [`Counts`], [`Nearest`] the answers. [`Knn`] and [`Boxes`] are asked of structures with [`KnnSearch`]
 //! and [`BoxSearch`]. Each answer carries a [`Report`] of what really ran.
 
+mod any_dimension;
 mod boxes;
 #[cfg(feature = "gpu")]
 mod choose;
@@ -23,6 +24,7 @@ mod report;
 mod rows;
 mod search;
 
+pub use any_dimension::{CountsN, FixedRadiusN, KnnN, NearestN, NeighborsN, QueriesN, RadiusN, SearchWork};
 pub use boxes::{BoxSearch, Boxes};
 #[cfg(feature = "gpu")]
 pub use choose::{Purpose, StructureChoice};
@@ -33,7 +35,7 @@ pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
-pub use gpu::{Batch, KnnBatch, KnnRun};
+pub use gpu::{Asked, Batch, HitN, KnnBatch, KnnRun, SearchN};
 #[cfg(feature = "gpu")]
 pub use gpu::{ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
 #[cfg(feature = "gpu")]

@@ -19,9 +19,11 @@ mod on_gpu;
 mod packing;
 pub mod uniform_grid;
 
-pub use aabb_tree::{AabbTree, AabbTreeSettings, BuildOrder, TreeSearch, TreeShape};
+pub use aabb_tree::{
+    AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BuildOrder, Scalar, TreeSearch, TreeShape,
+};
 #[cfg(feature = "gpu")]
-pub use aabb_tree::{AabbTreeBuilder, GpuAabbTree};
+pub use aabb_tree::{AabbTreeBuilder, GpuAabbTree, GpuAabbTreeN};
 pub use brute_force::BruteForce;
 #[cfg(feature = "gpu")]
 pub use brute_force::GpuBruteForce;

@@ -6,6 +6,7 @@
 //! lies in boxes; `loops` keeps answers exact on devices that end long loops.
 
 mod answers;
+mod any_dimension;
 pub(super) mod batch;
 mod boxes;
 mod capped_list;
@@ -19,6 +20,8 @@ mod row_masks;
 mod visit;
 mod visitor;
 
+#[doc(hidden)]
+pub use any_dimension::{Asked, HitN, SearchN};
 pub use knn::GpuNearestNeighbors;
 #[doc(hidden)]
 pub use knn_boxes::KnnRun;

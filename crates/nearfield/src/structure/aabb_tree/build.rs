@@ -34,6 +34,12 @@ impl<T: Scalar, const D: usize> BoxN<T, D> {
         self.grown_to(&other.min).grown_to(&other.max)
     }
 
+    /// Whether the point lies in the box.
+    #[inline(always)]
+    pub fn contains(&self, point: &[T; D]) -> bool {
+        (0..D).all(|axis| self.min[axis] <= point[axis] && point[axis] <= self.max[axis])
+    }
+
     /// The axis of the longest side, the first one of equals.
     pub(super) fn longest_side(&self) -> usize {
         let length = |axis: usize| self.max[axis].minus(self.min[axis]);

@@ -18,6 +18,7 @@
 //! 4. boxes are the smallest ones, after a build and after a refit;
 //! 5. packs tile the order.
 
+pub mod any_dimension;
 mod build;
 #[cfg(feature = "gpu")]
 mod builder;
@@ -37,6 +38,9 @@ mod update;
 mod validate;
 mod walk;
 
+#[cfg(feature = "gpu")]
+pub use any_dimension::GpuAabbTreeN;
+pub use any_dimension::{AabbTreeN, AabbTreeNSettings};
 pub use build::BoxN;
 #[cfg(feature = "gpu")]
 pub use builder::AabbTreeBuilder;

@@ -10,6 +10,8 @@ pub trait Scalar: Pod + PartialOrd + Send + Sync + std::fmt::Debug + Default {
     const SMALLEST: Self;
     /// Its absolute value may be at most this: squares of differences are finite.
     const MAX_COORDINATE: Self;
+    /// The smallest positive number with all its digits.
+    const SMALLEST_NORMAL: Self;
     /// A number as this type.
     fn of(value: f64) -> Self;
     /// As the widest type.
@@ -42,6 +44,7 @@ macro_rules! scalar {
             const LARGEST: Self = <$t>::MAX;
             const SMALLEST: Self = <$t>::MIN;
             const MAX_COORDINATE: Self = $largest;
+            const SMALLEST_NORMAL: Self = <$t>::MIN_POSITIVE;
 
             #[inline(always)]
             fn of(value: f64) -> Self {
