@@ -46,7 +46,8 @@ pub use query::{
 };
 pub use structure::{
     AabbTree, AabbTreeSettings, BruteForce, BuildOrder, CellState, DenseOctree, DenseOctreeSettings, GridSettings,
-    LinearOctree, OctreeNode, OctreeSettings, TreeSearch, UniformGrid,
+    LinearOctree, MovingPoints, OctreeNode, OctreeSettings, RebuildPolicy, TreeSearch, UniformGrid, UpdateAction,
+    UpdateReason, UpdateReport,
 };
 #[cfg(feature = "gpu")]
-pub use structure::{GpuAabbTree, GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuUniformGrid};
+pub use structure::{GpuAabbTree, GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuMovingPoints, GpuUniformGrid};
