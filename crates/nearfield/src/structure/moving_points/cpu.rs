@@ -36,7 +36,7 @@ use crate::structure::{AabbTree, AabbTreeSettings, BuildStage, CpuStructure, Tre
 ///     n_rebuilds += u32::from(report.is_rebuild());
 ///     println!("{report}");
 ///     let counts = particles.tree().count(&FixedRadius::new(radius).exclude_self())?;
-///     assert_eq!(counts.counts.len(), 1000);
+///     assert_eq!(counts.as_slice().len(), 1000);
 /// }
 /// assert!(0 < n_rebuilds && n_rebuilds < 20);
 /// # Ok::<(), nearfield::Error>(())
