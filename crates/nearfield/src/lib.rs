@@ -47,7 +47,10 @@ pub use query::{
 };
 pub use structure::{
     AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BuildOrder, CellState, DenseOctree,
-    DenseOctreeSettings, GridSettings, LinearOctree, OctreeNode, OctreeSettings, TreeSearch, UniformGrid,
+    DenseOctreeSettings, GridSettings, LinearOctree, MovingPoints, OctreeNode, OctreeSettings, RebuildPolicy, TreeSearch,
+    UniformGrid, UpdateAction, UpdateReason, UpdateReport,
 };
 #[cfg(feature = "gpu")]
-pub use structure::{GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuUniformGrid};
+pub use structure::{
+    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuMovingPoints, GpuUniformGrid,
+};

@@ -14,6 +14,7 @@ pub mod aabb_tree;
 pub mod brute_force;
 pub mod dense_octree;
 pub mod linear_octree;
+pub mod moving_points;
 #[cfg(feature = "gpu")]
 mod on_gpu;
 mod packing;
@@ -33,6 +34,9 @@ pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};
 pub use linear_octree::{Contact, LeafNeighbors, LinearOctree, OctreeNode, OctreeSettings};
 #[cfg(feature = "gpu")]
 pub use linear_octree::{GpuLeafNeighbors, GpuLinearOctree, OctreeBuilder};
+#[cfg(feature = "gpu")]
+pub use moving_points::GpuMovingPoints;
+pub use moving_points::{MovingPoints, RebuildPolicy, UpdateAction, UpdateReason, UpdateReport};
 #[cfg(feature = "gpu")]
 pub(crate) use on_gpu::device_points;
 #[cfg(feature = "gpu")]

@@ -52,41 +52,94 @@ impl AabbTreeBuilder {
     ///
     /// With [`BuildOrder::Median`] the points are read back and put in order on the CPU.
     ///
-    /// - `points`: `[n]` xyz, and the index that answers use as bits of w: i for the point at i
+    /// - `points`: `[n]` xyz in the caller's order, the fourth value is not used
     ///
     /// # Errors
     /// `LengthMismatch` for another number of points, `NonFinite`, `CoordinateTooLarge`, `OutOfDeviceMemory`,
     /// `DeviceLost`.
     pub fn build(&mut self, points: &Buffer<DevicePoint>) -> Result<GpuAabbTree> {
-        let n = self.shape.n_points();
-        if points.len() != n {
-            let (found, expected) = (points.len() as u64, n as u64);
-            return Err(Error::LengthMismatch { what: "points to build a tree of", found, expected });
-        }
+        self.check_len(points)?;
         if self.settings.order == BuildOrder::Median {
             let points: Vec<Vec3> = self.gpu.read(points)?.iter().map(|p| Vec3::new(p[0], p[1], p[2])).collect();
             return GpuAabbTree::upload(&self.gpu, &AabbTree::build(&points, &self.settings)?);
         }
+        let (bounds, stages) = self.find_bounds(points)?;
+        let (gpu, n) = (&self.gpu, self.shape.n_points());
+        let fitter = Fitter::new(gpu, self.shape, self.settings.period)?;
+        let ordered = gpu.buffer("points of a tree", n)?;
+        let ids = gpu.buffer("indices of a tree", n)?;
+        let nodes = gpu.buffer("nodes of a tree", self.shape.n_nodes())?;
+        let mut tree = GpuAabbTree::from_parts(gpu, self.settings, self.shape, ordered, ids, nodes, fitter, Vec::new());
+        self.fill(points, &bounds, stages, &mut tree)?;
+        Ok(tree)
+    }
+
+    /// Builds the tree of these points in the memory of a tree of as many; its search stays.
+    ///
+    /// - `points`: `[n]` xyz in the caller's order, the fourth value is not used
+    ///
+    /// # Errors
+    /// As [`AabbTreeBuilder::build`], and `InvalidSetting` for a tree of another shape or period. The tree is then as it
+    /// was, but after `DeviceLost`.
+    pub fn rebuild(&mut self, points: &Buffer<DevicePoint>, tree: &mut GpuAabbTree) -> Result<()> {
+        self.check_len(points)?;
+        if tree.shape != self.shape || tree.settings().period != self.settings.period {
+            return Err(Error::InvalidSetting {
+                setting: "tree to build again",
+                found: format!("{:?} with {:?}", tree.shape, tree.settings().period),
+                expected: "the shape and the period that the builder was made for",
+            });
+        }
+        if self.settings.order == BuildOrder::Median {
+            let search = tree.settings().search;
+            *tree = self.build(points)?;
+            tree.set_search(search);
+            return Ok(());
+        }
+        let (bounds, stages) = self.find_bounds(points)?;
+        self.fill(points, &bounds, stages, tree)
+    }
+
+    fn check_len(&self, points: &Buffer<DevicePoint>) -> Result<()> {
+        if points.len() == self.shape.n_points() {
+            return Ok(());
+        }
+        let (found, expected) = (points.len() as u64, self.shape.n_points() as u64);
+        Err(Error::LengthMismatch { what: "points to build a tree of", found, expected })
+    }
+
+    /// Bounds of the points, if all of them can be searched.
+    fn find_bounds(&self, points: &Buffer<DevicePoint>) -> Result<(Aabb, Vec<BuildStage>)> {
         let mut commands = self.gpu.commands("bounds of points");
         commands.stage("bounds");
-        self.reduce.record_bounds(&mut commands, points, n, &self.bounds)?;
-        let mut stages: Vec<BuildStage> = commands.run()?.iter().filter_map(BuildStage::on_device).collect();
-        let bounds = self.searchable_bounds(points)?;
-        let fitter = Fitter::new(&self.gpu, self.shape, self.settings.period)?;
-        let ordered = self.gpu.buffer("points of a tree", n)?;
-        let ids = self.gpu.buffer("indices of a tree", n)?;
-        let nodes = self.gpu.buffer("nodes of a tree", self.shape.n_nodes())?;
+        self.reduce.record_bounds(&mut commands, points, points.len(), &self.bounds)?;
+        let stages = commands.run()?.iter().filter_map(BuildStage::on_device).collect();
+        Ok((self.searchable_bounds(points)?, stages))
+    }
+
+    /// Fills the memory of a tree: order, points, nodes and the times of the stages.
+    fn fill(
+        &mut self,
+        points: &Buffer<DevicePoint>,
+        bounds: &Aabb,
+        mut stages: Vec<BuildStage>,
+        tree: &mut GpuAabbTree,
+    ) -> Result<()> {
+        tree.fitter.forget_broken(&self.gpu)?;
+        let (n, fitter) = (points.len(), &tree.fitter);
         let mut commands = self.gpu.commands("aabb tree");
-        self.curve.record(&mut commands, &Domain::of_bounds(&bounds), points, &self.order, n)?;
+        self.curve.record(&mut commands, &Domain::of_bounds(bounds), points, &self.order, n)?;
+        let (n_points, order) = ((&fitter.n_points).into(), (&self.order).into());
         commands.stage("gather").dispatch(
             &fitter.gather_points,
-            &[(&fitter.n_points).into(), points.into(), (&self.order).into(), (&ordered).into(), (&ids).into()],
+            &[n_points, points.into(), order, (&tree.points).into(), (&tree.ids).into()],
             Workgroups::Covering(n as u64),
         );
         commands.stage("fit");
-        fitter.record(&mut commands, &ordered, &nodes);
+        fitter.record(&mut commands, &tree.points, &tree.nodes);
         stages.extend(commands.run()?.iter().filter_map(BuildStage::on_device));
-        Ok(GpuAabbTree::from_parts(&self.gpu, self.settings, self.shape, ordered, ids, nodes, fitter, stages))
+        tree.stages = stages;
+        Ok(())
     }
 
     /// The bounds that were found, if all points can be searched.

@@ -16,6 +16,9 @@ const RISE: u32 = WORKGROUP.ilog2();
 /// Invocations of a workgroup that moves points.
 const MOVE_WORKGROUP: u32 = 256;
 
+/// No point that could not be searched.
+const NO_BROKEN: [u32; 2] = [0, u32::MAX];
+
 /// Kernels and parameters that follow from the shape of a tree alone.
 #[derive(Debug)]
 pub(super) struct Fitter {
@@ -29,8 +32,10 @@ pub(super) struct Fitter {
     /// From the leaves up: the level that is taken, and how many are made above it.
     plans: Vec<(u32, Buffer<[u32; 4]>)>,
     pub(super) n_points: Buffer<[u32; 4]>,
-    /// How many points could not be searched, and the first of them.
+    /// How many points could not be searched, and the first of them. While there are any, nothing is moved or fitted.
     broken: Buffer<u32>,
+    /// Whether a move was recorded whose broken points were not read.
+    is_unread: bool,
 }
 
 impl Fitter {
@@ -72,7 +77,8 @@ impl Fitter {
             gather_points: on_points("gather_points", &[Uniform, Read, Read, ReadWrite, ReadWrite])?,
             plans,
             n_points: gpu.uniform("number of points", &[shape.n_points() as u32, 0, 0, 0])?,
-            broken: gpu.upload("broken points", &[0, u32::MAX])?,
+            broken: gpu.upload("broken points", &NO_BROKEN)?,
+            is_unread: false,
         })
     }
 
@@ -93,31 +99,51 @@ impl Fitter {
     }
 
     /// Records moving the points to positions in the caller's order, if all of those can be searched.
+    ///
+    /// # Errors
+    /// As [`Fitter::forget_broken`].
     pub(super) fn record_move(
-        &self,
+        &mut self,
+        gpu: &Gpu,
         commands: &mut Commands,
         moved: &Buffer<DevicePoint>,
         ids: &Buffer<u32>,
         points: &Buffer<DevicePoint>,
-    ) {
+    ) -> Result<()> {
+        self.forget_broken(gpu)?;
+        self.is_unread = true;
         let covering = Workgroups::Covering(self.shape.n_points() as u64);
         let (n, broken) = (Bind::from(&self.n_points), Bind::from(&self.broken));
         commands.stage("check");
         commands.dispatch(&self.check_points, &[n.clone(), moved.into(), broken.clone()], covering.clone());
         commands.stage("move");
         commands.dispatch(&self.move_points, &[n, moved.into(), broken, ids.into(), points.into()], covering);
+        Ok(())
+    }
+
+    /// Forgets broken points of a move that failed before they were read; else they would hold back all that comes.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory`, `DeviceLost`.
+    pub(super) fn forget_broken(&mut self, gpu: &Gpu) -> Result<()> {
+        if self.is_unread {
+            gpu.write(&self.broken, 0, &NO_BROKEN)?;
+            self.is_unread = false;
+        }
+        Ok(())
     }
 
     /// Whether the last move found points that cannot be searched; forgets them.
     ///
     /// # Errors
     /// `NonFinite`, `CoordinateTooLarge`: no point was moved then. `DeviceLost`, `OutOfDeviceMemory`.
-    pub(super) fn check(&self, gpu: &Gpu, moved: &Buffer<DevicePoint>) -> Result<()> {
+    pub(super) fn check(&mut self, gpu: &Gpu, moved: &Buffer<DevicePoint>) -> Result<()> {
         let found = gpu.read(&self.broken)?;
         if found[0] == 0 {
+            self.is_unread = false;
             return Ok(());
         }
-        gpu.write(&self.broken, 0, &[0, u32::MAX])?;
+        self.forget_broken(gpu)?;
         let (count, first) = (u64::from(found[0]), found[1] as usize);
         let point = gpu.read_range(moved, first..first + 1)?[0];
         let what = "new positions of the points";

@@ -22,12 +22,12 @@ use crate::{Error, Result};
 pub struct GpuAabbTree {
     pub(super) gpu: Gpu,
     settings: AabbTreeSettings,
-    shape: TreeShape,
-    points: Buffer<DevicePoint>,
-    ids: Buffer<u32>,
-    nodes: Buffer<AabbNode>,
-    fitter: Fitter,
-    stages: Vec<BuildStage>,
+    pub(super) shape: TreeShape,
+    pub(super) points: Buffer<DevicePoint>,
+    pub(super) ids: Buffer<u32>,
+    pub(super) nodes: Buffer<AabbNode>,
+    pub(super) fitter: Fitter,
+    pub(super) stages: Vec<BuildStage>,
 }
 
 impl GpuAabbTree {
@@ -97,17 +97,37 @@ impl GpuAabbTree {
     /// # Errors
     /// `LengthMismatch`, `NonFinite`, `CoordinateTooLarge`: the tree is then as it was. `OutOfDeviceMemory`, `DeviceLost`.
     pub fn refit(&mut self, moved: &Buffer<DevicePoint>) -> Result<Vec<BuildStage>> {
-        if moved.len() != self.shape.n_points() {
-            let (found, expected) = (moved.len() as u64, self.shape.n_points() as u64);
-            return Err(Error::LengthMismatch { what: "new positions of the points", found, expected });
-        }
+        self.refit_and(moved, |_, _| Ok(()))
+    }
+
+    /// As [`GpuAabbTree::refit`], with more recorded behind the fit, which sees the nodes; where points are refused it runs
+    /// on those as they were.
+    pub(in crate::structure) fn refit_and(
+        &mut self,
+        moved: &Buffer<DevicePoint>,
+        record_more: impl FnOnce(&mut Commands, &Buffer<AabbNode>) -> Result<()>,
+    ) -> Result<Vec<BuildStage>> {
+        self.check_moved(moved)?;
         let mut commands = self.gpu.commands("refit");
-        self.fitter.record_move(&mut commands, moved, &self.ids, &self.points);
+        self.fitter.record_move(&self.gpu, &mut commands, moved, &self.ids, &self.points)?;
         commands.stage("fit");
         self.fitter.record(&mut commands, &self.points, &self.nodes);
+        record_more(&mut commands, &self.nodes)?;
         let stages = commands.run()?.iter().filter_map(BuildStage::on_device).collect();
         self.fitter.check(&self.gpu, moved)?;
         Ok(stages)
+    }
+
+    /// Checks that there is one new position a point.
+    ///
+    /// # Errors
+    /// `LengthMismatch`.
+    pub(in crate::structure) fn check_moved(&self, moved: &Buffer<DevicePoint>) -> Result<()> {
+        if moved.len() == self.shape.n_points() {
+            return Ok(());
+        }
+        let (found, expected) = (moved.len() as u64, self.shape.n_points() as u64);
+        Err(Error::LengthMismatch { what: "new positions of the points", found, expected })
     }
 
     /// Records fitting the boxes to the points of [`GpuStructure::points`], which a kernel of the caller has moved in

@@ -52,3 +52,4 @@ pub use region::NodeBox;
 pub use scalar::Scalar;
 pub use settings::{AabbTreeSettings, BuildOrder, TreeSearch};
 pub use shape::TreeShape;
+pub(super) use update::check_moved;

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 ///
 /// # Errors
 /// `LengthMismatch`, `NonFinite`, `CoordinateTooLarge`.
-pub(super) fn check_moved(points: &[Vec3], expected: usize) -> Result<()> {
+pub(in crate::structure) fn check_moved(points: &[Vec3], expected: usize) -> Result<()> {
     if points.len() != expected {
         let (found, expected) = (points.len() as u64, expected as u64);
         return Err(Error::LengthMismatch { what: "new positions of the points", found, expected });
