@@ -8,8 +8,8 @@ use plotters::prelude::*;
 
 use crate::{Error, Result};
 
-/// Colours that people with any colour vision tell apart (after Okabe and Ito); then grey, black and brown.
-const COLORS: [RGBColor; 10] = [
+/// Colours that people with any colour vision tell apart (after Okabe and Ito); then grey, black, brown, indigo and olive.
+const COLORS: [RGBColor; 12] = [
     RGBColor(213, 94, 0),
     RGBColor(0, 114, 178),
     RGBColor(230, 159, 0),
@@ -20,6 +20,8 @@ const COLORS: [RGBColor; 10] = [
     RGBColor(130, 130, 130),
     RGBColor(0, 0, 0),
     RGBColor(120, 94, 40),
+    RGBColor(51, 34, 136),
+    RGBColor(153, 153, 51),
 ];
 const FONT: &str = "sans-serif";
 const MARGIN: u32 = 14;

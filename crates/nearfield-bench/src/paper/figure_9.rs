@@ -27,7 +27,7 @@ const GROWTH: &str = "largest growth of a box";
 const MOTIONS: [&str; 2] = ["random, r/2 a step", "vortices, r/2 a step"];
 
 /// Searches that are compared.
-const SEARCHES: [TreeSearch; 2] = [TreeSearch::Primary, TreeSearch::Packed];
+const SEARCHES: [TreeSearch; 3] = [TreeSearch::Coherent, TreeSearch::Primary, TreeSearch::Packed];
 
 /// A tree that is refitted and never built anew.
 enum Tree {
@@ -143,7 +143,7 @@ fn plot(lab: &Lab, rows: &[Row]) -> Result<()> {
             let line = plotting::by_method(std::iter::once(&as_x), |_| growth).remove(0);
             match series.iter_mut().find(|s| s.name == line.name) {
                 Some(known) => known.points.extend(line.points),
-                None => series.push(crate::plots::Series { color: [9, 1, 0][series.len().min(2)], ..line }),
+                None => series.push(crate::plots::Series { color: [0, 9, 1][series.len().min(2)], ..line }),
             }
         }
         for line in &mut series {

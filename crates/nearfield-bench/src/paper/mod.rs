@@ -4,6 +4,8 @@
 //! - [`figure_7`]: refit with nodes level by level and shuffled;
 //! - [`figure_9`]: steps a second as boxes grow;
 //! - [`figure_10`]: a step of moving points, all methods;
+//! - [`figure_11`]: 3 to 12 dimensions;
+//! - [`figure_12`]: active lanes of the searches and, figure 13, by phase;
 //! - [`table_1`]: time and memory over the radius;
 //! - [`table_2`]: refit against builds;
 //! - [`ratios`]: what the paper says beside its figures.
@@ -12,6 +14,8 @@
 //! [`methods`].
 
 pub mod figure_10;
+pub mod figure_11;
+pub mod figure_12;
 pub mod figure_7;
 pub mod figure_9;
 pub mod growth;
@@ -45,7 +49,7 @@ pub struct Arguments {
     /// A table of the paper: 1 or 2
     #[arg(long = "table", value_parser = clap::value_parser!(u8).range(1..=2))]
     pub tables: Vec<u8>,
-    /// A figure of the paper: 7, 9 or 10
+    /// A figure of the paper: 7 or 9 to 13
     #[arg(long = "figure", value_parser = figure)]
     pub figures: Vec<u8>,
     /// The GPU: auto, gpu, gpu:N or part of a device name; cpu measures the methods of the CPU alone
@@ -65,18 +69,20 @@ pub struct Arguments {
 type Measure = fn(&Lab) -> Result<Vec<Row>>;
 
 /// A name, and what measures it.
-const EXPERIMENTS: [(&str, Measure); 6] = [
+const EXPERIMENTS: [(&str, Measure); 8] = [
     ("table-1", table_1::measure),
     ("table-2", table_2::measure),
     ("figure-7", figure_7::measure),
     ("figure-9", figure_9::measure),
     ("figure-10", figure_10::measure),
+    ("figure-11", figure_11::measure),
+    ("figure-12", figure_12::measure),
     ("claims", ratios::measure),
 ];
 
 fn figure(text: &str) -> std::result::Result<u8, String> {
-    let known = |number: &u8| EXPERIMENTS.iter().any(|(name, _)| *name == format!("figure-{number}"));
-    text.parse().ok().filter(known).ok_or_else(|| format!("{text:?} is no figure of the tests: expected 7, 9 or 10"))
+    let known = |number: &u8| [7, 9, 10, 11, 12, 13].contains(number);
+    text.parse().ok().filter(known).ok_or_else(|| format!("{text:?} is no figure of the tests: expected 7 or 9 to 13"))
 }
 
 /// Runs the experiments that are named and writes their files.
@@ -86,10 +92,11 @@ fn figure(text: &str) -> std::result::Result<u8, String> {
 /// written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let tables = arguments.tables.iter().map(|number| format!("table-{number}"));
-    let figures = arguments.figures.iter().map(|number| format!("figure-{number}"));
+    // Figure 13 is figure 12 by phase.
+    let figures = arguments.figures.iter().map(|&number| format!("figure-{}", if number == 13 { 12 } else { number }));
     let named: Vec<String> = tables.chain(figures).collect();
     if named.is_empty() == arguments.all.is_none() {
-        return Err("name what to measure: all, or some of --table 1|2 and --figure 7|9|10".into());
+        return Err("name what to measure: all, or some of --table 1|2 and --figure 7|9|10|11|12|13".into());
     }
     let lab = Lab::open(arguments)?;
     for line in lab.caption() {

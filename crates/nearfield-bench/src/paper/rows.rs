@@ -199,7 +199,7 @@ impl<'a> Sheet<'a> {
 }
 
 /// The message of an error that says what a device cannot do, and not that something is wrong.
-fn refusal(error: &Error) -> Option<String> {
+pub fn refusal(error: &Error) -> Option<String> {
     use nearfield::Error as E;
     let error = error.downcast_ref::<E>()?;
     let refuses = matches!(

@@ -8,7 +8,7 @@ use super::measured::device_milliseconds;
 use super::methods::{self, Found, Method, Plug, Positions, Start};
 use super::original::{ByRadius, TABLE_1, TABLE_1_POINTS};
 use super::plotting;
-use super::rows::{Row, Sheet};
+use super::rows::{Row, Sheet, refusal};
 use crate::Result;
 use crate::check::Expected;
 use crate::measure::{Measured, repeat};
@@ -57,7 +57,7 @@ fn rows_of(
     let at = Positions::new(gpu, points.to_vec())?;
     let mut method = (plug.make)(&Start { gpu, at: &at, radius, mean_neighbors: expected.mean() })?;
     // The memory of a query is what stands at its highest: structure, answer and scratch.
-    let mut peak = |method: &mut dyn Method, before: u64, answer: u64| match gpu {
+    let peak = |method: &mut dyn Method, before: u64, answer: u64| match gpu {
         Some(gpu) => gpu.take_memory_peak().saturating_sub(before) + method.memory_bytes(),
         None => method.memory_bytes() + answer,
     };
@@ -75,13 +75,11 @@ fn rows_of(
     let judged = found.check(gpu, expected)?;
     drop::<Found>(found);
     let before = settle();
-    let (nearest, asked) = repeat(lab.effort(), || {
+    let asked = repeat(lab.effort(), || {
         let nearest = method.nearest(radius)?;
         let stages = nearest.report.stages.clone();
         Ok((nearest, stages))
-    })?;
-    let nearest_bytes = peak(&mut *method, before, 8 * nearest.len() as u64);
-    check_nearest(points, radius, &nearest)?;
+    });
 
     let [(all, ms), (all_memory, mb), (only, _), (only_memory, _)] = QUANTITIES;
     let blank = Row { mean_neighbors: Some(expected.mean()), ..blank.clone() };
@@ -94,13 +92,23 @@ fn rows_of(
         runs: 1,
         ..blank.of(quantity, mb).value(bytes as f64 * 1e-6).paper(paper(paper_mb)).note("structure, answer and scratch")
     };
-    let nearest_note = "100 queries checked by brute force";
-    Ok(vec![
+    let mut rows = vec![
         Row { recall: judged.recall, ..time(all, &listed, original.seconds[0]) }.note(judged.note),
         memory(all_memory, list_bytes, original.megabytes[0]),
-        time(only, &asked, original.seconds[1]).note(nearest_note),
-        memory(only_memory, nearest_bytes, original.megabytes[1]),
-    ])
+    ];
+    match asked {
+        Ok((nearest, asked)) => {
+            let bytes = peak(&mut *method, before, 8 * nearest.len() as u64);
+            check_nearest(points, radius, &nearest)?;
+            rows.push(time(only, &asked, original.seconds[1]).note("100 queries checked by brute force"));
+            rows.push(memory(only_memory, bytes, original.megabytes[1]));
+        }
+        Err(error) => {
+            let reason = refusal(&error).ok_or(error)?;
+            rows.push(blank.of(only, ms).note(format!("missing: {reason}")));
+        }
+    }
+    Ok(rows)
 }
 
 /// Checks the nearest other point of 100 queries by a plain loop in f64.

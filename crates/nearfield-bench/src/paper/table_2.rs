@@ -67,7 +67,7 @@ fn paper(original: &ByPoints, plug: &Plug) -> Option<f64> {
     match plug.name {
         "grid, GPU" => Some(original.voxels),
         "kd-tree, CPU" => Some(original.kd_tree_cpu),
-        name if name.contains("refit, GPU") => Some(original.refit),
+        name if name.starts_with("tree") && plug.on_gpu && !name.contains("always") => Some(original.refit),
         _ => None,
     }
 }

@@ -2,10 +2,11 @@
 
 use nearfield::gpu::Buffer;
 use nearfield::structure::{DevicePoint, OctreeBuilder};
-use nearfield::{GpuLinearOctree, OctreeSettings};
+use nearfield::{Domain, GpuLinearOctree, OctreeSettings};
 
 use super::on_gpu::{Builds, Rebuilt};
 use super::Plug;
+use crate::paper::lab::cube;
 
 /// Built and asked on the GPU.
 pub const ON_GPU: Plug = Plug {
@@ -13,7 +14,8 @@ pub const ON_GPU: Plug = Plug {
     on_gpu: true,
     color: 4,
     make: |start| {
-        let builder = OctreeBuilder::new(start.gpu(), start.at.host.len(), &OctreeSettings::default())?;
+        let settings = OctreeSettings::default().domain(Domain::of_bounds(&cube()));
+        let builder = OctreeBuilder::new(start.gpu(), start.at.host.len(), &settings)?;
         Ok(Box::new(Rebuilt::new(builder, start.at)?))
     },
 };

@@ -3,9 +3,12 @@
 //! A method is a file with a function that makes it, and a line in [`ALL`].
 
 pub mod aabb_tree;
+pub mod kd_tree;
 pub mod linear_octree;
+pub mod lsh;
 pub mod on_cpu;
 pub mod on_gpu;
+pub mod shifted_sort;
 pub mod uniform_grid;
 
 use nearfield::gpu::{Buffer, Gpu};
@@ -14,9 +17,11 @@ use nearfield::structure::DevicePoint;
 use nearfield::{GpuNeighbors, Nearest, Neighbors, Vec3};
 
 use super::lab::Lab;
+use crate::Result;
+use crate::baselines::shifted_sort::ShiftedRows;
+use crate::baselines::{KnnRows, RangeRows};
 use crate::check::Expected;
 use crate::device::device_points;
-use crate::Result;
 
 /// Points that are asked about, on both sides.
 pub struct Positions {
@@ -78,6 +83,24 @@ pub enum Found {
     OnDevice(GpuNeighbors),
     /// On the host.
     OnHost(Neighbors),
+    /// Lists of a baseline on the host.
+    Baseline {
+        /// The lists.
+        rows: RangeRows,
+        /// Stages of the query.
+        stages: Vec<Stage>,
+        /// Whether none may be missing.
+        is_exact: bool,
+    },
+    /// Rows of the nearest on the device, of which those within the radius are the answer.
+    NearestRows {
+        /// Places of a row.
+        k: usize,
+        /// Indices and squared distances.
+        rows: ShiftedRows,
+        /// The radius.
+        radius: f32,
+    },
 }
 
 impl Found {
@@ -86,6 +109,8 @@ impl Found {
         match self {
             Self::OnDevice(list) => &list.report.stages,
             Self::OnHost(list) => &list.report.stages,
+            Self::Baseline { stages, .. } => stages,
+            Self::NearestRows { rows, .. } => &rows.stages,
         }
     }
 
@@ -94,23 +119,40 @@ impl Found {
         match self {
             Self::OnDevice(list) => list.offsets.bytes() + list.indices.bytes(),
             Self::OnHost(list) => (size_of_val(list.offsets()) + size_of_val(list.indices())) as u64,
+            Self::Baseline { rows, .. } => (size_of_val(&rows.offsets[..]) + size_of_val(&rows.ids[..])) as u64,
+            Self::NearestRows { rows, .. } => rows.ids.bytes() + rows.dist2.bytes(),
         }
     }
 
-    /// Checks the lists of an exact method, and returns their mean length.
+    /// Checks the lists: those of an exact method in full, of another that they hold neighbours only.
     ///
     /// # Errors
     /// The first thing that is wrong; `DeviceLost`.
     pub fn check(&self, gpu: Option<&Gpu>, expected: &Expected) -> Result<Judged> {
-        match (self, gpu) {
-            (Self::OnDevice(list), Some(gpu)) => {
-                let offsets: Vec<u64> = gpu.read(&list.offsets)?.into_iter().map(u64::from).collect();
-                expected.check_list(&offsets, &gpu.read(&list.indices)?)?;
+        let gpu = || gpu.ok_or("lists on a device need the device to be checked");
+        let exact = || Ok(Judged { recall: None, note: "every count checked, 100 rows by brute force" });
+        let approximate =
+            |recall| Ok(Judged { recall: Some(recall), note: "recall of 100 rows by brute force" });
+        match self {
+            Self::OnDevice(list) => {
+                let offsets: Vec<u64> = gpu()?.read(&list.offsets)?.into_iter().map(u64::from).collect();
+                expected.check_list(&offsets, &gpu()?.read(&list.indices)?)?;
+                exact()
             }
-            (Self::OnHost(list), _) => expected.check_list(list.offsets(), list.indices())?,
-            (Self::OnDevice(_), None) => return Err("a list on a device needs the device to be checked".into()),
+            Self::OnHost(list) => {
+                expected.check_list(list.offsets(), list.indices())?;
+                exact()
+            }
+            Self::Baseline { rows, is_exact: true, .. } => {
+                expected.check_list(&rows.offsets, &rows.ids)?;
+                exact()
+            }
+            Self::Baseline { rows, .. } => approximate(expected.recall(&rows.offsets, &rows.ids)?),
+            Self::NearestRows { k, rows, radius } => {
+                let rows = KnnRows::new(*k, gpu()?.read(&rows.ids)?, gpu()?.read(&rows.dist2)?).within(*radius);
+                approximate(expected.recall(&rows.offsets, &rows.ids)?)
+            }
         }
-        Ok(Judged { recall: None, note: "every count checked, 100 rows by brute force" })
     }
 }
 
@@ -139,16 +181,14 @@ pub trait Method {
     /// The nearest other point of every point within the radius.
     ///
     /// # Errors
-    /// What the structure returns; `Unsupported` where the method has no such search.
-    fn nearest(&mut self, radius: f32) -> Result<Nearest>;
+    /// What the structure returns; `Unsupported` where the method is not asked for it.
+    fn nearest(&mut self, _radius: f32) -> Result<Nearest> {
+        let what = "a search for the nearest point by this baseline".to_owned();
+        Err(nearfield::Error::Unsupported { what, advice: "it is measured by its lists" }.into())
+    }
 
     /// Bytes that the structure holds, points included.
     fn memory_bytes(&self) -> u64;
-
-    /// What should stand beside the times.
-    fn note(&self) -> String {
-        String::new()
-    }
 }
 
 /// A method by name.
@@ -163,15 +203,20 @@ pub struct Plug {
     pub make: fn(&Start<'_>) -> Result<Box<dyn Method>>,
 }
 
-/// Every method.
+/// Every method; the paper's own first.
 pub const ALL: &[Plug] = &[
-    aabb_tree::PACKED_REFIT,
+    aabb_tree::COHERENT,
+    aabb_tree::PRIMARY,
+    aabb_tree::PACKED,
+    aabb_tree::PACKED_NEVER,
     aabb_tree::PACKED_REBUILT,
-    aabb_tree::PRIMARY_REFIT,
     uniform_grid::ON_GPU,
     linear_octree::ON_GPU,
+    shifted_sort::ON_GPU,
+    lsh::ON_GPU,
     aabb_tree::ON_CPU,
     uniform_grid::ON_CPU,
+    kd_tree::ON_CPU,
 ];
 
 /// The methods that this machine can run.
