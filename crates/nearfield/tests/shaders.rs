@@ -288,10 +288,8 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         farthest
     });
     let brute_force = layout_of!(BruteForceLayout { period, n_points, inverse_period, padding });
-    let batch =
-        with_single_words(layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, first, end, padding }));
-    let sweep =
-        layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
+    let batch = layout_of!(Batch { count, first_id, exclude_self, own_radius, radius, first, end, padding });
+    let sweep = layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
     let knn = layout_of!(KnnBatch { count, first_id, exclude_self, own_radius, radius, k, padding });
     let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
     let search = layout_of!(SearchN { n_points, depth, count, first, exclude_self, own_points, padding_0, padding_1 });

@@ -10,7 +10,8 @@ use rayon::prelude::*;
 use super::coherent;
 use super::rows::{self, TaskRows};
 use super::{
-    Clock, Counts, FixedRadius, Nearest, Neighbor, NeighborRows, NeighborSearch, Neighbors, Queries, Report, RowOrder, Stage,
+    Clock, Counts, FixedRadius, Nearest, Neighbor, NeighborRows, NeighborSearch, Neighbors, Queries, Report, RowOrder,
+    Stage,
 };
 use crate::geometry::row_simd::{self, Ball, Hits, Simd};
 use crate::geometry::{Aabb, OrderedPoints};

@@ -4,6 +4,7 @@
 //! Tests that limit memory or lose the device open one of their own, so that they can run beside each other. Points lie
 //! on a lattice of 1/128: every squared distance is exact in f32, so answers equal the loop to the bit.
 
+mod coherent;
 mod loss;
 mod memory;
 mod plumbing;
@@ -101,5 +102,6 @@ fn main() {
     trials.extend(visitors::trials());
     trials.extend(rows::trials());
     trials.extend(trees::trials());
+    trials.extend(coherent::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -119,7 +119,8 @@ impl Candidates {
         };
         if n == 0 || GpuStructure::is_empty(tree) {
             // Every span is empty.
-            let mut found = none(None, gpu.buffer("starts of packs", 1)?, gpu.upload("no candidates", &vec![[0; 2]; n])?);
+            let mut found =
+                none(None, gpu.buffer("starts of packs", 1)?, gpu.upload("no candidates", &vec![[0; 2]; n])?);
             let sweep = gpu.uniform("sweep", &Sweep { n_queries: n as u32, ..bytemuck::Zeroable::zeroed() })?;
             found.windows.push(Window { queries: 0..n as u32, candidates: 0, sweep, packs: 0..0 });
             return Ok((found, None));
@@ -175,10 +176,10 @@ impl Candidates {
         let visited = counted.then(|| gpu.buffer("nodes visited by packs", n_packs)).transpose()?;
         let (sum, largest) = (gpu.buffer("number of candidates", 1)?, gpu.buffer("most candidates of a pack", 1)?);
         let mut accesses = READS.to_vec();
-        accesses.resize(READS.len() + 1 + usize::from(counted), Access::ReadWrite);
+        accesses.resize(READS.len() + 2 + usize::from(counted), Access::ReadWrite);
         let count_candidates = kernel(&gpu, (MODULE, "count_candidates"), &accesses, &self.features)?;
         let mut binds = self.inputs((&gpu.uniform("sweep", sweep)?).into());
-        binds.push((&counts).into());
+        binds.extend([(&counts).into(), (&self.entries).into()]);
         binds.extend(visited.as_ref().map(Bind::from));
         let mut commands = gpu.commands("count candidates");
         commands.stage("traverse").dispatch(&count_candidates, &binds, Workgroups::Covering(n_packs as u64));
@@ -266,15 +267,8 @@ impl Candidates {
 }
 
 /// Accesses of what all kernels of phase II read.
-const READS: &[Access] = &[
-    Access::Uniform,
-    Access::Uniform,
-    Access::Read,
-    Access::Read,
-    Access::Read,
-    Access::Read,
-    Access::Read,
-];
+const READS: &[Access] =
+    &[Access::Uniform, Access::Uniform, Access::Read, Access::Read, Access::Read, Access::Read, Access::Read];
 
 /// Checks that the device does not end the loops of a traversal.
 fn check_rounds(tree: &GpuAabbTree) -> Result<()> {

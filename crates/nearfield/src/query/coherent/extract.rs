@@ -19,15 +19,8 @@ pub(in crate::query) struct Extracted {
 }
 
 /// Accesses of what all kernels of phase III read.
-const READS: &[Access] = &[
-    Access::Uniform,
-    Access::Uniform,
-    Access::Read,
-    Access::Read,
-    Access::Read,
-    Access::Read,
-    Access::Read,
-];
+const READS: &[Access] =
+    &[Access::Uniform, Access::Uniform, Access::Read, Access::Read, Access::Read, Access::Read, Access::Read];
 
 /// How many matches each candidate of a window has.
 pub(super) struct Matches {
@@ -79,11 +72,7 @@ impl Candidates {
     ///
     /// # Errors
     /// What `accept` returns; `OutOfDeviceMemory`, `DeviceLost`.
-    pub(in crate::query) fn extract(
-        &self,
-        gpu: &Gpu,
-        accept: impl FnOnce(u64) -> Result<()>,
-    ) -> Result<Extracted> {
+    pub(in crate::query) fn extract(&self, gpu: &Gpu, accept: impl FnOnce(u64) -> Result<()>) -> Result<Extracted> {
         use Access::{Read, ReadWrite, Uniform};
         let (n_rows, window) = (self.n_queries, &self.windows[0]);
         let offsets: Buffer<u32> = gpu.buffer("row offsets", n_rows + 1)?;

@@ -46,8 +46,7 @@ impl GpuAabbTree {
         let Asked { queries, radii, own } = Asked::upload(self, question)?;
         let asking = Asking { queries: &queries, radii: &radii, first_id: 0, own };
         let (found, visited) = Candidates::find_counted(self, question, asking, true)?;
-        let mut counters =
-            SearchCounters { queries: n as u64, candidates: found.total, ..SearchCounters::default() };
+        let mut counters = SearchCounters { queries: n as u64, candidates: found.total, ..SearchCounters::default() };
         let Some(visited) = visited else { return Ok(counters) };
         let in_step = gpu.limits().subgroup.map_or(IN_STEP, |(_, largest)| largest as usize);
         let down = match question.queries {

@@ -39,7 +39,7 @@ pub(super) use back_traverse::{Asking, Candidates, MODULE as BACK_TRAVERSE};
 pub use counters::{PhaseLanes, SearchCounters};
 pub(super) use cpu::{find_candidates, pack_by_leaf};
 #[cfg(feature = "gpu")]
-pub(super) use extract::MODULE as EXTRACT;
+pub(super) use extract::{Extracted, MODULE as EXTRACT};
 #[cfg(feature = "gpu")]
 pub(super) use pack::MODULE as PACK;
 #[cfg(feature = "gpu")]

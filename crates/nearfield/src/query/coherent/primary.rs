@@ -148,9 +148,7 @@ impl GpuAabbTree {
         if n > 0 && !GpuStructure::is_empty(self) {
             let found = run(self, question, &Asked::upload(self, question)?, invocations, false)?;
             let timed = found.stages.iter().filter_map(|stage| Some((stage.name, stage.milliseconds?)));
-            report.stages.extend(
-                timed.map(|(name, milliseconds)| Stage { name, milliseconds, clock: Clock::Device }),
-            );
+            report.stages.extend(timed.map(|(name, milliseconds)| Stage { name, milliseconds, clock: Clock::Device }));
             let read = Instant::now();
             counts = gpu.read(&found.counts)?;
             report.host_stage("read back", read);

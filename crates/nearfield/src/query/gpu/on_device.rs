@@ -7,7 +7,7 @@ use crate::gpu::shader::Fill;
 use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Workgroups};
 use crate::parallel::reduce::GpuReduce;
 use crate::parallel::scan::GpuScan;
-use crate::query::coherent::EXTRACT;
+use crate::query::coherent::{EXTRACT, Extracted};
 use crate::query::{FixedRadius, Report, RowOrder};
 use crate::structure::GpuStructure;
 use crate::{Error, Result};
@@ -227,7 +227,7 @@ pub(super) struct ListSize {
 pub(super) fn list_on_device<S: GpuStructure>(
     structure: &S,
     question: &FixedRadius<'_>,
-    accept: impl FnOnce(ListSize) -> Result<RowOrder>,
+    mut accept: impl FnMut(ListSize) -> Result<RowOrder>,
 ) -> Result<GpuNeighbors> {
     if let Some(ids) = super::row_masks::applies(structure, question) {
         return super::row_masks::list_on_device(structure, ids, question, accept);
@@ -238,12 +238,18 @@ pub(super) fn list_on_device<S: GpuStructure>(
     let plain = !question.distances && question.order == RowOrder::Unspecified;
     if let Some(candidates) = queries.candidates().filter(|found| plain && found.can_extract()) {
         let size = |entries| ListSize { entries, longest_row: 0 };
-        let extracted = candidates.extract(gpu, |entries| accept(size(entries)).map(drop))?;
-        let mut report = visit::report(structure, "coherent", &[]);
-        report.kernels.push(EXTRACT.to_owned());
-        queries.add_stages_to(&mut report);
-        add_stages(&mut report, &extracted.stages);
-        return Ok(GpuNeighbors { offsets: extracted.offsets, indices: extracted.indices, dist2: None, report });
+        match candidates.extract(gpu, |entries| accept(size(entries)).map(drop)) {
+            // Matches take 16 bytes until they are sorted; rows that are filled take 4.
+            Err(Error::OutOfDeviceMemory { .. }) => {}
+            extracted => {
+                let Extracted { offsets, indices, stages } = extracted?;
+                let mut report = visit::report(structure, "coherent", &[]);
+                report.kernels.push(EXTRACT.to_owned());
+                queries.add_stages_to(&mut report);
+                add_stages(&mut report, &stages);
+                return Ok(GpuNeighbors { offsets, indices, dist2: None, report });
+            }
+        }
     }
     let counts = gpu.buffer("neighbour counts", n)?;
     let offsets = gpu.buffer("row offsets", n + 1)?;

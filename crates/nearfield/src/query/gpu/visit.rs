@@ -112,10 +112,11 @@ impl QueryBuffers {
         self.candidates.as_ref()
     }
 
-    /// Adds the times of what was done to them before they can be searched.
+    /// Adds what was done to them before they can be searched: its times, and in how many windows they are searched.
     pub(super) fn add_stages_to(&self, report: &mut Report) {
         if let Some(candidates) = &self.candidates {
             add_stages(report, &candidates.stages);
+            report.batches = report.batches.max(candidates.windows.len() as u32);
         }
     }
 
