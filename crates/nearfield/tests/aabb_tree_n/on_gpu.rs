@@ -91,14 +91,18 @@ fn check<const D: usize>(
 
 pub(crate) fn answers_are_those_of_brute_force<const D: usize>(gpu: &Gpu) {
     for Case { name, points, queries, radius } in cases::<f32, D>(240) {
-        let mut tree = GpuAabbTreeN::build(gpu, &points, &settings(TreeSearch::Primary)).unwrap();
-        let plain = FixedRadiusN::new(radius);
-        check(name, &mut tree, &points, &plain);
-        check(name, &mut tree, &points, &plain.exclude_self().order(RowOrder::Distance));
-        check(name, &mut tree, &points, &plain.queries(&queries));
-        let radii = |n: usize| (0..n).map(|i| radius * 10f32.powi((i % 4) as i32 - 3)).collect::<Vec<f32>>();
-        check(name, &mut tree, &points, &FixedRadiusN::each(&radii(points.len())).exclude_self());
-        check(name, &mut tree, &points, &FixedRadiusN::each(&radii(queries.len())).queries(&queries));
+        // With buckets of one point some leaves are empty.
+        for bucket in [1, 7] {
+            let settings = settings(TreeSearch::Primary).bucket_size(bucket);
+            let mut tree = GpuAabbTreeN::build(gpu, &points, &settings).unwrap();
+            let plain = FixedRadiusN::new(radius);
+            check(name, &mut tree, &points, &plain);
+            check(name, &mut tree, &points, &plain.exclude_self().order(RowOrder::Distance));
+            check(name, &mut tree, &points, &plain.queries(&queries));
+            let radii = |n: usize| (0..n).map(|i| radius * 10f32.powi((i % 4) as i32 - 3)).collect::<Vec<f32>>();
+            check(name, &mut tree, &points, &FixedRadiusN::each(&radii(points.len())).exclude_self());
+            check(name, &mut tree, &points, &FixedRadiusN::each(&radii(queries.len())).queries(&queries));
+        }
     }
 }
 
@@ -117,9 +121,9 @@ pub(crate) fn heavy_packs_are_split(gpu: &Gpu) {
 
 pub(crate) fn refit_gives_the_boxes_of_the_cpu<const D: usize>(gpu: &Gpu) {
     let mut random = Random(SEED);
-    for n in [0, 1, 6, 7, 8, 1500] {
+    for (n, bucket) in [(0, 7), (1, 7), (6, 7), (7, 7), (8, 7), (1500, 7), (11, 1), (600, 2)] {
         let mut points: Vec<[f32; D]> = (0..n).map(|_| std::array::from_fn(|_| random.unit())).collect();
-        let mut on_cpu = AabbTreeN::build(&points, &settings(TreeSearch::Coherent)).unwrap();
+        let mut on_cpu = AabbTreeN::build(&points, &settings(TreeSearch::Coherent).bucket_size(bucket)).unwrap();
         let mut on_gpu = GpuAabbTreeN::upload(gpu, &on_cpu).unwrap();
         for step in 0..4 {
             let read = on_gpu.read::<D>().unwrap();

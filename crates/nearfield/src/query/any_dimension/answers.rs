@@ -11,7 +11,7 @@ pub struct SearchWork {
     /// Ways through the tree to find points: one a query, or one a pack. The way to the leaf that a query of another set
     /// touches is not among them.
     pub traversals: u64,
-    /// Boxes looked at on all ways.
+    /// Boxes looked at on all ways; on a device without those on the way to that leaf.
     pub nodes: u64,
     /// Entries of the candidate list that is kept in memory: points beside the pack that they may be neighbours of.
     pub candidates: u64,

@@ -121,10 +121,6 @@ impl PartSearch for Coherent<'_> {
         &["package::query::gpu::any_dimension::traverse", "package::query::gpu::any_dimension::extract"]
     }
 
-    fn work(&self) -> SearchWork {
-        SearchWork::default()
-    }
-
     /// Phases II and III up to the counts.
     fn count(&self, part: Range<usize>, counts: &Buffer<u32>, found: &mut Found) -> Result<Candidates> {
         let (gpu, n) = (self.queries.gpu(), part.len());

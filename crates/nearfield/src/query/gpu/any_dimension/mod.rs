@@ -47,9 +47,6 @@ trait PartSearch {
     /// Kernels of a count and of a list.
     fn kernels(&self) -> &'static [&'static str];
 
-    /// What was done before the first part.
-    fn work(&self) -> SearchWork;
-
     /// Adds the number of neighbours of the part's queries to `counts`, by the caller's index.
     fn count(&self, part: Range<usize>, counts: &Buffer<u32>, found: &mut Found) -> Result<Self::Counted>;
 
@@ -129,7 +126,6 @@ fn in_parts<S: PartSearch>(
     found: &mut Found,
     mut ask: impl FnMut(Range<usize>, &mut Found) -> Result<()>,
 ) -> Result<()> {
-    found.work += search.work();
     found.report.kernels.extend(search.kernels().iter().map(|&kernel| kernel.to_owned()));
     let batches = halving(search.n_parts(), 1, |part| {
         let (n_stages, work) = (found.report.stages.len(), found.work);

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::queries::Queries;
+use super::queries::{LOCATE, Queries};
 use super::{Found, HitN, PartSearch};
 use crate::Result;
 use crate::gpu::{Access, Bind, Buffer};
@@ -29,6 +29,7 @@ impl<'a> Primary<'a> {
                 let mut commands = tree.gpu().commands("locate queries");
                 let leaves = queries.record_locate(&mut commands)?;
                 add_stages(&mut found.report, &commands.run()?);
+                found.report.kernels.push(LOCATE.to_owned());
                 leaves
             }
             _ => tree.ids().clone(),
@@ -52,10 +53,6 @@ impl PartSearch for Primary<'_> {
 
     fn kernels(&self) -> &'static [&'static str] {
         &["package::query::gpu::any_dimension::primary"]
-    }
-
-    fn work(&self) -> SearchWork {
-        SearchWork::default()
     }
 
     fn count(&self, part: Range<usize>, counts: &Buffer<u32>, found: &mut Found) -> Result<()> {

@@ -14,6 +14,9 @@ use crate::structure::aabb_tree::any_dimension::rows_of;
 /// Invocations of a workgroup.
 const WORKGROUP: u32 = 128;
 
+/// The kernel that finds the leaf of a query.
+pub(super) const LOCATE: &str = "package::query::gpu::any_dimension::locate";
+
 /// `SearchN` in queries.wesl, byte for byte.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -151,6 +154,7 @@ impl<'a> Queries<'a> {
         let bits = 0..self.tree.shape().depth() + 1;
         GpuRadixSort::new(gpu, n)?.record_from(&mut commands, &leaves, None, &keys, &order, n, bits)?;
         add_stages(&mut found.report, &commands.run()?);
+        found.report.kernels.push(LOCATE.to_owned());
         Ok((gpu.read(&keys)?, gpu.read(&order)?))
     }
 }

@@ -31,7 +31,7 @@ fn place_of<const D: usize>(row: &[[f32; 4]]) -> [f32; D] {
     std::array::from_fn(|axis| row[axis / 4][axis % 4])
 }
 
-/// Points in 2 to 16 dimensions, given at run time, and the boxes over them on the GPU, in f32.
+/// Points in up to 16 dimensions, a number given at run time, and the boxes over them on the GPU, in f32.
 ///
 /// Shape and order are those of [`AabbTreeN`]. It answers by the searches `Primary` and `Coherent`; on the device there
 /// is no search `Packed`.
