@@ -47,8 +47,8 @@ pub use query::{
 };
 pub use structure::{
     AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BuildOrder, CellState, DenseOctree,
-    DenseOctreeSettings, GridSettings, LinearOctree, MovingPoints, OctreeNode, OctreeSettings, RebuildPolicy, TreeSearch,
-    UniformGrid, UpdateAction, UpdateReason, UpdateReport,
+    DenseOctreeSettings, GridSettings, LinearOctree, MovingPoints, OctreeNode, OctreeSettings, RebuildPolicy,
+    TreeSearch, UniformGrid, UpdateAction, UpdateReason, UpdateReport,
 };
 #[cfg(feature = "gpu")]
 pub use structure::{

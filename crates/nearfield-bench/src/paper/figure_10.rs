@@ -43,7 +43,8 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
                     sheet.attempt(row.clone(), || {
                         let case = (&spot.points[..], spot.length(r_over_l));
                         let steps = run_steps(lab, plug, case, motion, (original::STEPS, seconds), &mut references)?;
-                        let note = format!("{}; {} of {} steps rebuilt", steps.judged.note, steps.rebuilds, steps.steps);
+                        let note =
+                            format!("{}; {} of {} steps rebuilt", steps.judged.note, steps.rebuilds, steps.steps);
                         row.mean_neighbors = Some(steps.mean_neighbors);
                         row.device_milliseconds = steps.device;
                         row.recall = steps.judged.recall;
@@ -67,7 +68,8 @@ fn paper(points: usize, r_over_l: f64, method: &str) -> Option<f64> {
 fn plot(lab: &Lab, rows: &[Row]) -> Result<()> {
     for (number, range) in RANGES.into_iter().enumerate() {
         let panel = |r_over_l: f64| {
-            let own: Vec<&Row> = rows.iter().filter(|r| r.setting == setting(range) && r.r_over_l == r_over_l).collect();
+            let own: Vec<&Row> =
+                rows.iter().filter(|r| r.setting == setting(range) && r.r_over_l == r_over_l).collect();
             let neighbors = own.iter().filter_map(|r| r.mean_neighbors).fold(0.0, f64::max);
             let mut series = plotting::by_method(own.iter().copied(), |row| row.points as f64);
             if r_over_l >= original::R_OVER_L {

@@ -74,7 +74,8 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
             let method = format!("tree {}, never rebuilt, {}", search.name(), if on_gpu { "GPU" } else { "CPU" });
             let row = spot.row(lab.device(on_gpu), name, original::R_OVER_L, &method);
             let seconds = lab.seconds_a_point(MOTIONS.len() * SEARCHES.len());
-            sheet.attempt(Row { quantity: SPEED, ..row.clone() }, || run(lab, &spot, (motion, search), &row, seconds))?;
+            sheet
+                .attempt(Row { quantity: SPEED, ..row.clone() }, || run(lab, &spot, (motion, search), &row, seconds))?;
         }
     }
     plot(lab, sheet.rows())?;
@@ -136,7 +137,8 @@ fn plot(lab: &Lab, rows: &[Row]) -> Result<()> {
     let panel = |motion: &str| {
         // The rows of a noted step stand in pairs: growth, then speed.
         let mut series: Vec<crate::plots::Series> = Vec::new();
-        let pairs = rows.windows(2).filter(|w| w[0].quantity == GROWTH && w[1].quantity == SPEED && w[0].setting == motion);
+        let pairs =
+            rows.windows(2).filter(|w| w[0].quantity == GROWTH && w[1].quantity == SPEED && w[0].setting == motion);
         for pair in pairs {
             let (Some(growth), Some(speed)) = (pair[0].value, pair[1].value) else { continue };
             let as_x = Row { value: Some(speed), ..pair[1].clone() };

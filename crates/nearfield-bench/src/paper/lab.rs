@@ -113,7 +113,10 @@ impl Lab {
         let gpu = self.gpu.as_ref().map_or("none".to_owned(), |gpu| format!("{} ({})", gpu.name, gpu.driver));
         vec![
             format!("GPU: {gpu}. CPU: {}, {}", processor(), self.cpu.name),
-            format!("Nearfield commit {COMMIT}, scale {}. Crosses: Xing2017 on its GTX 660 Ti, at its numbers of points.", self.scale),
+            format!(
+                "Nearfield commit {COMMIT}, scale {}. Crosses: Xing2017 on its GTX 660 Ti, at its numbers of points.",
+                self.scale
+            ),
         ]
     }
 }

@@ -33,7 +33,8 @@ impl Motion {
 
 /// A number from -1 to 1.
 fn unit(step: u64, point: usize, axis: u64) -> f32 {
-    let mut bits = (step * 3 + axis).wrapping_mul(0xd134_2543_de82_ef95) ^ (point as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let mut bits =
+        (step * 3 + axis).wrapping_mul(0xd134_2543_de82_ef95) ^ (point as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     // The finalizer of splitmix64.
     bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -53,8 +54,7 @@ mod tests {
     #[test]
     fn points_stay_in_the_cube_and_move_no_farther_than_said() {
         for motion in [Motion::Random(0.3), Motion::Vortices(0.3)] {
-            let before: Vec<Vec3> =
-                (0..5000).map(|i| Vec3::new(unit(9, i, 0), unit(9, i, 1), unit(9, i, 2))).collect();
+            let before: Vec<Vec3> = (0..5000).map(|i| Vec3::new(unit(9, i, 0), unit(9, i, 1), unit(9, i, 2))).collect();
             let mut points = before.clone();
             motion.apply(&mut points, 1);
             assert!(points.iter().all(|p| p.abs().max_element() <= 1.0));

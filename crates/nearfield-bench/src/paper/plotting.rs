@@ -37,7 +37,12 @@ pub fn published(name: &str, color: usize, points: Vec<(f64, f64)>) -> Series {
 }
 
 /// The paper's values of some rows.
-pub fn published_of<'a>(name: &str, color: usize, rows: impl Iterator<Item = &'a Row>, x: impl Fn(&Row) -> f64) -> Series {
+pub fn published_of<'a>(
+    name: &str,
+    color: usize,
+    rows: impl Iterator<Item = &'a Row>,
+    x: impl Fn(&Row) -> f64,
+) -> Series {
     published(name, color, rows.filter_map(|row| Some((x(row), row.paper?))).collect())
 }
 

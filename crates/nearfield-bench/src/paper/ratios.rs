@@ -87,9 +87,14 @@ fn speed(
         gpu.read_range(copy.nodes(), 0..1)?;
         let build = start.elapsed().as_secs_f64() * 1e3;
         let query = steps.milliseconds - steps.update;
-        let note = format!("build on one core and transfer {build:.2} ms by query {query:.2} ms; paper {:?}", original::BUILD_BY_QUERY);
+        let note = format!(
+            "build on one core and transfer {build:.2} ms by query {query:.2} ms; paper {:?}",
+            original::BUILD_BY_QUERY
+        );
         let ratio = row.of("build and transfer by query", "times").value(build / query).note(note);
-        rows.push(ratio.paper(is_coherent.then_some(0.5 * (original::BUILD_BY_QUERY[0] + original::BUILD_BY_QUERY[1]))));
+        rows.push(
+            ratio.paper(is_coherent.then_some(0.5 * (original::BUILD_BY_QUERY[0] + original::BUILD_BY_QUERY[1]))),
+        );
     }
     Ok(rows)
 }
@@ -105,8 +110,7 @@ fn merged(lab: &Lab, spot: &Spot, mut row: Row, own: bool) -> Result<Vec<Row>> {
         row.note = "total of neighbours checked".to_owned();
         counters
     } else {
-        let others: Vec<Vec3> =
-            cloud(CloudKind::Uniform, n, SEED + 1).points.iter().map(|p| *p * 2.0 - 1.0).collect();
+        let others: Vec<Vec3> = cloud(CloudKind::Uniform, n, SEED + 1).points.iter().map(|p| *p * 2.0 - 1.0).collect();
         let counters = tree.coherent(&FixedRadius::new(radius).queries(&others))?;
         let grid = nearfield::UniformGrid::build(&spot.points, &nearfield::GridSettings::for_radius(radius))?;
         let counts = nearfield::NeighborSearch::count(&grid, &FixedRadius::new(radius).queries(&others))?;
@@ -141,6 +145,8 @@ fn balancing(lab: &Lab, gpu: &Gpu, spot: &Spot, mut row: Row) -> Result<Vec<Row>
     let ((one_each, runs), (balanced, _)) = (time(None)?, time(Some(BALANCED))?);
     row.mean_neighbors = Some(expected.mean());
     row.runs = runs;
-    let note = format!("counting: one query an invocation {one_each:.3} ms, {BALANCED} invocations {balanced:.3} ms; every count checked");
+    let note = format!(
+        "counting: one query an invocation {one_each:.3} ms, {BALANCED} invocations {balanced:.3} ms; every count checked"
+    );
     Ok(vec![row.value(100.0 * (one_each / balanced - 1.0)).paper(Some(original::LOAD_BALANCING)).note(note)])
 }

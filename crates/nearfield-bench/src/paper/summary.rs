@@ -55,7 +55,14 @@ fn figures(lab: &Lab, experiment: &str) -> Vec<String> {
 fn key(row: &Row) -> [String; 6] {
     let neighbors = row.mean_neighbors.map_or("–".to_owned(), |n| format!("{n:.1}"));
     let [points, dimension] = [row.points, row.dimension].map(|n| n.to_string());
-    [row.setting.clone(), row.r_over_l.to_string(), points, dimension, neighbors, format!("{}, {}", row.quantity, row.unit)]
+    [
+        row.setting.clone(),
+        row.r_over_l.to_string(),
+        points,
+        dimension,
+        neighbors,
+        format!("{}, {}", row.quantity, row.unit),
+    ]
 }
 
 fn table(text: &mut String, rows: &[Row]) {
@@ -75,7 +82,8 @@ fn table(text: &mut String, rows: &[Row]) {
     let has_dimension = measured.iter().any(|row| row.dimension != 3);
     let has_setting = measured.iter().any(|row| !row.setting.is_empty());
     let names = ["setting", "r/L", "points", "dimension", "mean neighbours", "quantity"];
-    let shown: Vec<usize> = (0..names.len()).filter(|&c| (c != 0 || has_setting) && (c != 3 || has_dimension)).collect();
+    let shown: Vec<usize> =
+        (0..names.len()).filter(|&c| (c != 0 || has_setting) && (c != 3 || has_dimension)).collect();
     let head: Vec<&str> = shown.iter().map(|&c| names[c]).chain(methods.iter().copied()).chain(["paper"]).collect();
     let _ = writeln!(text, "| {} |\n|{}", head.join(" | "), " --- |".repeat(head.len()));
     for own in keys {

@@ -176,7 +176,8 @@ mod tests {
 
     #[test]
     fn a_nearest_of_another_radius_or_other_points_is_caught() {
-        let points: Vec<Vec3> = (0..90).map(|i| Vec3::new((i * i % 97) as f32, i as f32, (i * 7 % 13) as f32)).collect();
+        let points: Vec<Vec3> =
+            (0..90).map(|i| Vec3::new((i * i % 97) as f32, i as f32, (i * 7 % 13) as f32)).collect();
         let ask = |points: &[Vec3], radius| {
             let tree = BruteForce::build(points).expect("points");
             tree.nearest(&FixedRadius::new(radius).exclude_self()).expect("nearest")

@@ -4,8 +4,8 @@ use nearfield::gpu::Buffer;
 use nearfield::structure::{DevicePoint, OctreeBuilder};
 use nearfield::{Domain, GpuLinearOctree, OctreeSettings};
 
-use super::on_gpu::{Builds, Rebuilt};
 use super::Plug;
+use super::on_gpu::{Builds, Rebuilt};
 use crate::paper::lab::cube;
 
 /// Built and asked on the GPU.

@@ -131,8 +131,7 @@ impl Found {
     pub fn check(&self, gpu: Option<&Gpu>, expected: &Expected) -> Result<Judged> {
         let gpu = || gpu.ok_or("lists on a device need the device to be checked");
         let exact = || Ok(Judged { recall: None, note: "every count checked, 100 rows by brute force" });
-        let approximate =
-            |recall| Ok(Judged { recall: Some(recall), note: "recall of 100 rows by brute force" });
+        let approximate = |recall| Ok(Judged { recall: Some(recall), note: "recall of 100 rows by brute force" });
         match self {
             Self::OnDevice(list) => {
                 let offsets: Vec<u64> = gpu()?.read(&list.offsets)?.into_iter().map(u64::from).collect();
