@@ -26,6 +26,10 @@ const COLORS: [RGBColor; 12] = [
 const FONT: &str = "sans-serif";
 const MARGIN: u32 = 14;
 const CAPTION_LINE: i32 = 17;
+/// Panels with more lines than this share a legend beside them, which covers nothing.
+const MOST_LINES_WITH_LEGEND: usize = 6;
+/// Width of that legend.
+const LEGEND_WIDTH: u32 = 270;
 
 /// A line with marks.
 #[derive(Debug, Clone)]
@@ -105,8 +109,14 @@ pub fn lines(path: &Path, frame: &Frame, panels: &[Panel]) -> Result<()> {
     let columns = if panels.len() > 1 { 2 } else { 1 };
     let rows = panels.len().div_ceil(columns).max(1);
     let (width, height) = if columns == 1 { (840, 560) } else { (1120, 430 * rows as u32 + 110) };
-    let root = SVGBackend::new(path, (width, height)).into_drawing_area();
-    let body = draw_frame(&root, frame)?;
+    let has_strip = panels.iter().any(|panel| panel.series.len() > MOST_LINES_WITH_LEGEND);
+    let root = SVGBackend::new(path, (width + if has_strip { LEGEND_WIDTH } else { 0 }, height)).into_drawing_area();
+    let mut body = draw_frame(&root, frame)?;
+    if has_strip {
+        let (charts, strip) = body.split_horizontally(width);
+        draw_legend(&strip, panels)?;
+        body = charts;
+    }
     for (panel, area) in panels.iter().zip(body.split_evenly((rows, columns))) {
         let Some((x, y)) = ranges(panel, frame.axes) else {
             continue;
@@ -119,15 +129,15 @@ pub fn lines(path: &Path, frame: &Frame, panels: &[Panel]) -> Result<()> {
         match frame.axes {
             Axes::Linear => {
                 let mut chart = chart.build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(failed)?;
-                draw_lines(&mut chart, frame, panel)?;
+                draw_lines(&mut chart, frame, panel, !has_strip)?;
             }
             Axes::Logarithmic => {
                 let (x, y) = ((x.0..x.1).log_scale(), (y.0..y.1).log_scale());
-                draw_lines(&mut chart.build_cartesian_2d(x, y).map_err(failed)?, frame, panel)?;
+                draw_lines(&mut chart.build_cartesian_2d(x, y).map_err(failed)?, frame, panel, !has_strip)?;
             }
             Axes::LogarithmicY => {
                 let mut chart = chart.build_cartesian_2d(x.0..x.1, (y.0..y.1).log_scale()).map_err(failed)?;
-                draw_lines(&mut chart, frame, panel)?;
+                draw_lines(&mut chart, frame, panel, !has_strip)?;
             }
         }
     }
@@ -237,6 +247,7 @@ fn draw_lines<'a, 'b: 'a, X, Y>(
     chart: &mut ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>,
     frame: &Frame,
     panel: &Panel,
+    with_legend: bool,
 ) -> Result<()>
 where
     X: Ranged<ValueType = f64> + ValueFormatter<f64>,
@@ -277,6 +288,9 @@ where
             }
         }
     }
+    if !with_legend {
+        return Ok(());
+    }
     let legend = match frame.legend_right {
         true => SeriesLabelPosition::UpperRight,
         false => SeriesLabelPosition::UpperLeft,
@@ -291,6 +305,27 @@ where
         .map_err(failed)
 }
 
+/// Writes the names of all series of the panels below each other, each once.
+fn draw_legend(strip: &Area<'_>, panels: &[Panel]) -> Result<()> {
+    let mut names: Vec<&str> = Vec::new();
+    for series in panels.iter().flat_map(|panel| &panel.series) {
+        if names.contains(&series.name.as_str()) || series.points.is_empty() {
+            continue;
+        }
+        let (y, color) = (40 + 22 * names.len() as i32, COLORS[series.color % COLORS.len()]);
+        let stroke = color.stroke_width(3);
+        match series.look {
+            Look::Line => strip.draw(&PathElement::new([(6, y), (26, y)], stroke)),
+            Look::Dots => strip.draw(&Circle::new((16, y), 4, color.filled())),
+            Look::Published => strip.draw(&Cross::new((16, y), 6, color.stroke_width(2))),
+        }
+        .map_err(failed)?;
+        strip.draw(&Text::new(series.name.clone(), (34, y - 6), (FONT, 13).into_font())).map_err(failed)?;
+        names.push(&series.name);
+    }
+    Ok(())
+}
+
 /// Ranges of x and y that hold every point, with a little room; `None` where there is no point.
 fn ranges(panel: &Panel, axes: Axes) -> Option<((f64, f64), (f64, f64))> {
     let points = || panel.series.iter().flat_map(|s| &s.points);
@@ -301,8 +336,9 @@ fn ranges(panel: &Panel, axes: Axes) -> Option<((f64, f64), (f64, f64))> {
     if x.0 > x.1 {
         return None;
     }
-    // Room for the legend above the lines.
-    let (log_y, linear_y) = ((y.0 / 1.5, y.1 * 4.0), (0.0, y.1 * 1.45));
+    // Room for a legend above the lines.
+    let has_legend = panel.series.len() <= MOST_LINES_WITH_LEGEND;
+    let (log_y, linear_y) = ((y.0 / 1.5, y.1 * if has_legend { 4.0 } else { 1.5 }), (0.0, y.1 * 1.45));
     Some(match axes {
         Axes::Linear => ((0.0, x.1 * 1.03), linear_y),
         Axes::Logarithmic => ((x.0 / 1.15, x.1 * 1.15), log_y),

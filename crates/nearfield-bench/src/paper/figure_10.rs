@@ -15,7 +15,7 @@ use crate::plots::{Axes, Frame, Panel};
 /// built anew in every step.
 const RANGES: [f64; 4] = [0.0005, 0.001, 0.005, 0.05];
 /// Radii in diagonals.
-const RADII: [f64; 3] = [0.005, original::R_OVER_L, original::R_OVER_L_OF_49];
+const RADII: [f64; 3] = [original::R_OVER_L, original::R_OVER_L_OF_49, 0.005];
 const QUANTITY: &str = "update + query";
 
 fn setting(range: f64) -> String {
@@ -31,10 +31,11 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
     let spots = spots(lab, &original::POINTS);
     let n_methods = methods::possible(lab).count();
     let seconds = lab.seconds_a_point(2 * spots.len() * RANGES.len() * RADII.len() * n_methods);
-    for range in RANGES {
-        for r_over_l in RADII {
-            for spot in &spots {
-                let mut references = References::default();
+    // The paper's own radius first, with every movement, in case the budget ends early.
+    for r_over_l in RADII {
+        for spot in &spots {
+            let mut references = References::default();
+            for range in RANGES {
                 for plug in methods::possible(lab) {
                     let mut row = spot.row(lab.device(plug.on_gpu), &setting(range), r_over_l, plug.name);
                     row.quantity = QUANTITY;

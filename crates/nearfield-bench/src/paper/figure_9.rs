@@ -16,7 +16,7 @@ use super::plotting;
 use super::rows::{Row, Sheet};
 use crate::Result;
 use crate::check::Expected;
-use crate::plots::{Axes, Frame, Panel};
+use crate::plots::{Axes, Frame, Look, Panel, Series};
 
 /// Points at scale 1: those of the paper's simulation.
 const POINTS: usize = 250_000;
@@ -111,7 +111,8 @@ fn run(lab: &Lab, spot: &Spot, (motion, search): (Motion, TreeSearch), row: &Row
             let mut noted = row.clone();
             noted.mean_neighbors = Some(expected.mean());
             noted.runs = since_last.len();
-            noted.note = format!("after {step} steps; {}", judged.note);
+            noted.setting = format!("{}, {step} steps after the build", row.setting);
+            noted.note = judged.note.to_owned();
             rows.push(noted.of(GROWTH, "times").value(growth));
             rows.push(noted.of(SPEED, "steps/s").value(fps));
             since_last.clear();
@@ -136,20 +137,20 @@ fn is_noted(step: usize) -> bool {
 fn plot(lab: &Lab, rows: &[Row]) -> Result<()> {
     let panel = |motion: &str| {
         // The rows of a noted step stand in pairs: growth, then speed.
-        let mut series: Vec<crate::plots::Series> = Vec::new();
-        let pairs =
-            rows.windows(2).filter(|w| w[0].quantity == GROWTH && w[1].quantity == SPEED && w[0].setting == motion);
+        let mut series: Vec<Series> = Vec::new();
+        let pairs = rows
+            .windows(2)
+            .filter(|w| w[0].quantity == GROWTH && w[1].quantity == SPEED && w[0].setting.starts_with(motion));
         for pair in pairs {
             let (Some(growth), Some(speed)) = (pair[0].value, pair[1].value) else { continue };
-            let as_x = Row { value: Some(speed), ..pair[1].clone() };
-            let line = plotting::by_method(std::iter::once(&as_x), |_| growth).remove(0);
-            match series.iter_mut().find(|s| s.name == line.name) {
-                Some(known) => known.points.extend(line.points),
-                None => series.push(crate::plots::Series { color: [0, 9, 1][series.len().min(2)], ..line }),
+            let point = (growth, speed);
+            match series.iter_mut().find(|line| line.name == pair[1].method) {
+                Some(line) => line.points.push(point),
+                None => {
+                    let color = [0, 9, 1][series.len().min(2)];
+                    series.push(Series { name: pair[1].method.clone(), color, points: vec![point], look: Look::Line });
+                }
             }
-        }
-        for line in &mut series {
-            line.points.sort_by(|a, b| a.0.total_cmp(&b.0));
         }
         let speeds = || series.iter().flat_map(|line| &line.points).map(|point| point.1);
         let (low, high) = (speeds().fold(f64::INFINITY, f64::min), speeds().fold(0.0, f64::max));

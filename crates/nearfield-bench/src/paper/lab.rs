@@ -27,7 +27,8 @@ pub struct Lab {
     pub cpu: Machine,
     /// Numbers of points are the paper's times this.
     pub scale: f64,
-    budget: f64,
+    /// Seconds of an experiment.
+    pub budget: f64,
     begin: Cell<Instant>,
     folder: PathBuf,
 }

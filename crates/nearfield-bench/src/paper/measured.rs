@@ -30,10 +30,10 @@ pub struct Steps {
     pub mean_neighbors: f64,
 }
 
-/// References by the number of steps that the points have made.
+/// References of one number of points and radius, by how the points have moved and how often.
 #[derive(Default)]
 pub struct References {
-    by_step: HashMap<usize, Expected>,
+    by_step: HashMap<String, Expected>,
 }
 
 impl References {
@@ -41,11 +41,12 @@ impl References {
     ///
     /// # Errors
     /// As [`Expected::of`].
-    pub fn after(&mut self, step: usize, points: &[Vec3], radius: f32) -> Result<&Expected> {
-        if !self.by_step.contains_key(&step) {
-            self.by_step.insert(step, Expected::of(points, radius)?);
+    pub fn after(&mut self, (motion, step): (Motion, usize), points: &[Vec3], radius: f32) -> Result<&Expected> {
+        let key = if step == 0 { String::new() } else { format!("{motion:?} {step}") };
+        if !self.by_step.contains_key(&key) {
+            self.by_step.insert(key.clone(), Expected::of(points, radius)?);
         }
-        Ok(&self.by_step[&step])
+        Ok(&self.by_step[&key])
     }
 }
 
@@ -71,7 +72,7 @@ pub fn run_steps(
 ) -> Result<Steps> {
     let gpu = lab.gpu().filter(|_| plug.on_gpu);
     let mut at = Positions::new(gpu, points.to_vec())?;
-    let mean_neighbors = references.after(0, points, radius)?.mean();
+    let mean_neighbors = references.after((motion, 0), points, radius)?.mean();
     let mut method = (plug.make)(&Start { gpu, at: &at, radius, mean_neighbors })?;
     drop(method.list(radius)?);
     let (mut total, mut updating, mut on_device, mut rebuilds, mut steps) = (0.0, 0.0, Some(0.0), 0, 0);
@@ -93,7 +94,7 @@ pub fn run_steps(
             break found;
         }
     };
-    let expected = references.after(steps, &at.host, radius)?;
+    let expected = references.after((motion, steps), &at.host, radius)?;
     let judged = last.check(gpu, expected)?;
     let mean = |sum: f64| sum / steps as f64;
     Ok(Steps {

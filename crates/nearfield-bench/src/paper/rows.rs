@@ -1,6 +1,8 @@
 //! The rows of an experiment, one value each: what it was measured on, how it was checked, and the paper's own value.
 
+use std::collections::HashMap;
 use std::fs::File;
+use std::time::Instant;
 
 use super::lab::Lab;
 use crate::plots::short;
@@ -127,11 +129,20 @@ impl Row {
         let value = self.value.map_or("missing".to_owned(), |v| format!("{} {unit}", short(v)));
         let paper = self.paper.map_or(String::new(), |v| format!(" (paper {} {unit})", short(v)));
         let recall = self.recall.map_or(String::new(), |v| format!(", recall {v:.3}"));
+        let at = radius_name(self);
         let comma = if setting.is_empty() { "" } else { ", " };
         format!(
-            "{points} points{comma}{setting}, r/L {}, {neighbors} neighbours, {method}: {quantity} {value}{paper}{recall}; {note}",
-            self.r_over_l
+            "{points} points{comma}{setting}, {at}, {neighbors} neighbours, {method}: {quantity} {value}{paper}{recall}; {note}"
         )
+    }
+}
+
+/// The radius by the diagonal, or the dimension where that is what was varied.
+pub fn radius_name(row: &Row) -> String {
+    if row.dimension == 3 && row.r_over_l > 0.0 {
+        format!("r/L {}", row.r_over_l)
+    } else {
+        format!("{} dimensions", row.dimension)
     }
 }
 
@@ -142,7 +153,12 @@ pub struct Sheet<'a> {
     pub experiment: &'static str,
     writer: csv::Writer<File>,
     rows: Vec<Row>,
+    /// Seconds that the last attempt of each method took, all in all.
+    took: HashMap<String, f64>,
 }
+
+/// A method that took more than this share of the budget for one attempt is not tried again: the others would have no time left.
+const LARGEST_SHARE: f64 = 1.0 / 12.0;
 
 impl<'a> Sheet<'a> {
     /// Begins the file anew, and the time of the experiment.
@@ -154,7 +170,7 @@ impl<'a> Sheet<'a> {
         writer.write_record(COLUMNS)?;
         lab.begin_experiment();
         println!("\n{experiment}");
-        Ok(Self { lab, experiment, writer, rows: Vec::new() })
+        Ok(Self { lab, experiment, writer, rows: Vec::new(), took: HashMap::new() })
     }
 
     /// The rows so far.
@@ -171,7 +187,17 @@ impl<'a> Sheet<'a> {
         if self.lab.is_over() {
             return self.add(Row { value: None, ..row }.note("missing: the budget of the experiment was spent"));
         }
-        match measure() {
+        let took = self.took.get(&row.method).copied().unwrap_or(0.0);
+        if took > LARGEST_SHARE * self.lab.budget {
+            return self.add(
+                Row { value: None, ..row }
+                    .note(format!("missing: an attempt took {took:.1} s before, too much of the budget")),
+            );
+        }
+        let start = Instant::now();
+        let measured = measure();
+        self.took.insert(row.method.clone(), start.elapsed().as_secs_f64());
+        match measured {
             Ok(rows) => rows.into_iter().try_for_each(|row| self.add(row)),
             Err(error) => match refusal(&error) {
                 Some(reason) => self.add(Row { value: None, ..row }.note(format!("missing: {reason}"))),

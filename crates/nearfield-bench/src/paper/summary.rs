@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::lab::Lab;
 use super::original;
-use super::rows::Row;
+use super::rows::{Row, radius_name};
 use crate::Result;
 use crate::plots::short;
 
@@ -51,23 +51,21 @@ fn figures(lab: &Lab, experiment: &str) -> Vec<String> {
     std::iter::once(format!("{experiment}.svg")).chain(numbered).filter(|file| lab.path(file).exists()).collect()
 }
 
-/// What identifies a line of the table: all but the method.
-fn key(row: &Row) -> [String; 6] {
-    let neighbors = row.mean_neighbors.map_or("–".to_owned(), |n| format!("{n:.1}"));
-    let [points, dimension] = [row.points, row.dimension].map(|n| n.to_string());
-    [
-        row.setting.clone(),
-        row.r_over_l.to_string(),
-        points,
-        dimension,
-        neighbors,
-        format!("{}, {}", row.quantity, row.unit),
-    ]
+/// What identifies a line of the table: all but the method and what was measured.
+fn key(row: &Row) -> [String; 4] {
+    [row.setting.clone(), radius_name(row), row.points.to_string(), format!("{}, {}", row.quantity, row.unit)]
+}
+
+/// The neighbours of a line, which differ a little between methods that made more steps or fewer.
+fn neighbors(line: &[&&Row]) -> String {
+    let all = || line.iter().filter_map(|row| row.mean_neighbors);
+    let [low, high] = [all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max)].map(|n| format!("{n:.1}"));
+    if low == high { low } else { format!("{low} to {high}") }
 }
 
 fn table(text: &mut String, rows: &[Row]) {
     let measured: Vec<&Row> = rows.iter().filter(|row| row.value.is_some()).collect();
-    let (mut methods, mut keys): (Vec<&str>, Vec<[String; 6]>) = (Vec::new(), Vec::new());
+    let (mut methods, mut keys): (Vec<&str>, Vec<[String; 4]>) = (Vec::new(), Vec::new());
     for row in &measured {
         if !methods.contains(&row.method.as_str()) {
             methods.push(&row.method);
@@ -79,28 +77,26 @@ fn table(text: &mut String, rows: &[Row]) {
     if measured.is_empty() {
         return text.push_str("Nothing was measured.\n");
     }
-    let has_dimension = measured.iter().any(|row| row.dimension != 3);
-    let has_setting = measured.iter().any(|row| !row.setting.is_empty());
-    let names = ["setting", "r/L", "points", "dimension", "mean neighbours", "quantity"];
-    let shown: Vec<usize> =
-        (0..names.len()).filter(|&c| (c != 0 || has_setting) && (c != 3 || has_dimension)).collect();
-    let head: Vec<&str> = shown.iter().map(|&c| names[c]).chain(methods.iter().copied()).chain(["paper"]).collect();
+    let names = ["setting", "at", "points", "quantity", "mean neighbours"];
+    let head: Vec<&str> = names.into_iter().chain(methods.iter().copied()).chain(["paper"]).collect();
     let _ = writeln!(text, "| {} |\n|{}", head.join(" | "), " --- |".repeat(head.len()));
     for own in keys {
         let line: Vec<&&Row> = measured.iter().filter(|row| key(row) == own).collect();
-        let mut cells: Vec<String> = shown.iter().map(|&c| own[c].clone()).collect();
+        let mut cells: Vec<String> = own.to_vec();
+        cells.push(neighbors(&line));
         for method in &methods {
             let row = line.iter().find(|row| row.method == *method);
             cells.push(row.map_or("–".to_owned(), |row| cell(row)));
         }
-        let mut papers: Vec<String> = Vec::new();
-        for row in &line {
-            let Some(paper) = row.paper else { continue };
-            let named = format!("{} ({})", short(paper), row.method);
-            if !papers.contains(&named) {
-                papers.push(named);
+        let mut papers: Vec<(f64, Vec<&str>)> = Vec::new();
+        for (paper, method) in line.iter().filter_map(|row| Some((row.paper?, row.method.as_str()))) {
+            match papers.iter_mut().find(|known| known.0 == paper) {
+                Some((_, methods)) => methods.push(method),
+                None => papers.push((paper, vec![method])),
             }
         }
+        let named = |(paper, methods): &(f64, Vec<&str>)| format!("{} ({})", short(*paper), methods.join("; "));
+        let papers: Vec<String> = papers.iter().map(named).collect();
         cells.push(if papers.is_empty() { "–".to_owned() } else { papers.join(", ") });
         let _ = writeln!(text, "| {} |", cells.join(" | "));
     }
@@ -116,8 +112,10 @@ fn missing(text: &mut String, rows: &[Row]) {
     let mut reasons: Vec<(&str, Vec<String>)> = Vec::new();
     for row in rows.iter().filter(|row| row.value.is_none()) {
         let setting = if row.setting.is_empty() { String::new() } else { format!(", {}", row.setting) };
-        let what = format!("{} ({} points, r/L {}{setting})", row.method, row.points, row.r_over_l);
-        match reasons.iter_mut().find(|(reason, _)| *reason == row.note) {
+        let what = format!("{} ({} points, {}{setting})", row.method, row.points, radius_name(row));
+        // Reasons with other seconds are the same.
+        let stem = |note: &str| note.split(" took ").next().unwrap_or_default().to_owned();
+        match reasons.iter_mut().find(|(reason, _)| stem(reason) == stem(&row.note)) {
             Some((_, rows)) => rows.push(what),
             None => reasons.push((&row.note, vec![what])),
         }
