@@ -153,7 +153,7 @@ pub struct Sheet<'a> {
     pub experiment: &'static str,
     writer: csv::Writer<File>,
     rows: Vec<Row>,
-    /// Seconds that the last attempt of each method took, all in all.
+    /// Seconds that the last attempt of each method in each setting took, all in all.
     took: HashMap<String, f64>,
 }
 
@@ -187,7 +187,8 @@ impl<'a> Sheet<'a> {
         if self.lab.is_over() {
             return self.add(Row { value: None, ..row }.note("missing: the budget of the experiment was spent"));
         }
-        let took = self.took.get(&row.method).copied().unwrap_or(0.0);
+        let attempt = format!("{}, {}", row.method, row.setting);
+        let took = self.took.get(&attempt).copied().unwrap_or(0.0);
         if took > LARGEST_SHARE * self.lab.budget {
             return self.add(
                 Row { value: None, ..row }
@@ -196,7 +197,7 @@ impl<'a> Sheet<'a> {
         }
         let start = Instant::now();
         let measured = measure();
-        self.took.insert(row.method.clone(), start.elapsed().as_secs_f64());
+        self.took.insert(attempt, start.elapsed().as_secs_f64());
         match measured {
             Ok(rows) => rows.into_iter().try_for_each(|row| self.add(row)),
             Err(error) => match refusal(&error) {
