@@ -48,7 +48,10 @@ fn text(lab: &Lab, command: &str, parts: &[Part]) -> String {
 /// The plots of an experiment that are there.
 fn figures(lab: &Lab, experiment: &str) -> Vec<String> {
     let numbered = (1..=9).map(|number| format!("{experiment}-{number}.svg"));
-    std::iter::once(format!("{experiment}.svg")).chain(numbered).filter(|file| lab.path(file).exists()).collect()
+    // Figure 13 is figure 12 by phase.
+    let by_phase = (experiment == "figure-12").then(|| "figure-13.svg".to_owned());
+    let files = std::iter::once(format!("{experiment}.svg")).chain(numbered).chain(by_phase);
+    files.filter(|file| lab.path(file).exists()).collect()
 }
 
 /// What identifies a line of the table: all but the method and what was measured.
