@@ -19,7 +19,7 @@ const METHODS: [&str; 3] = ["primary", "primary, balanced", "coherent"];
 /// A tree on the device that is measured.
 pub enum Counted {
     /// On the GPU.
-    OnGpu(GpuAabbTree),
+    OnGpu(Box<GpuAabbTree>),
     /// On the CPU, which knows what 32 lanes in step would do.
     OnCpu(AabbTree),
 }
@@ -32,7 +32,7 @@ impl Counted {
     pub fn new(lab: &Lab, points: &[Vec3]) -> Result<Self> {
         let settings = AabbTreeSettings::default();
         Ok(match lab.gpu() {
-            Some(gpu) => Self::OnGpu(GpuAabbTree::build(gpu, points, &settings)?),
+            Some(gpu) => Self::OnGpu(Box::new(GpuAabbTree::build(gpu, points, &settings)?)),
             None => Self::OnCpu(AabbTree::build(points, &settings)?),
         })
     }

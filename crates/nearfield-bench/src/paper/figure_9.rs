@@ -31,7 +31,7 @@ const SEARCHES: [TreeSearch; 3] = [TreeSearch::Coherent, TreeSearch::Primary, Tr
 
 /// A tree that is refitted and never built anew.
 enum Tree {
-    OnGpu(GpuAabbTree),
+    OnGpu(Box<GpuAabbTree>),
     OnCpu(AabbTree),
 }
 
@@ -87,7 +87,7 @@ fn run(lab: &Lab, spot: &Spot, (motion, search): (Motion, TreeSearch), row: &Row
     let (gpu, radius) = (lab.gpu(), spot.length(original::R_OVER_L));
     let settings = AabbTreeSettings::default().search(search);
     let mut tree = match gpu {
-        Some(gpu) => Tree::OnGpu(GpuAabbTree::build(gpu, &spot.points, &settings)?),
+        Some(gpu) => Tree::OnGpu(Box::new(GpuAabbTree::build(gpu, &spot.points, &settings)?)),
         None => Tree::OnCpu(AabbTree::build(&spot.points, &settings)?),
     };
     let at_build = tree.boxes()?;
@@ -131,7 +131,7 @@ fn run(lab: &Lab, spot: &Spot, (motion, search): (Motion, TreeSearch), row: &Row
 /// Steps after which growth and speed are noted: 1, 2, 4, 7, 10, 20, 40, 70, 100 …
 fn is_noted(step: usize) -> bool {
     let power = 10usize.pow(step.ilog10());
-    step % power == 0 && [1, 2, 4, 7].contains(&(step / power))
+    step.is_multiple_of(power) && [1, 2, 4, 7].contains(&(step / power))
 }
 
 fn plot(lab: &Lab, rows: &[Row]) -> Result<()> {
