@@ -21,7 +21,7 @@ pub enum Counted {
     /// On the GPU.
     OnGpu(Box<GpuAabbTree>),
     /// On the CPU, which knows what 32 lanes in step would do.
-    OnCpu(AabbTree),
+    OnCpu(Box<AabbTree>),
 }
 
 impl Counted {
@@ -33,7 +33,7 @@ impl Counted {
         let settings = AabbTreeSettings::default();
         Ok(match lab.gpu() {
             Some(gpu) => Self::OnGpu(Box::new(GpuAabbTree::build(gpu, points, &settings)?)),
-            None => Self::OnCpu(AabbTree::build(points, &settings)?),
+            None => Self::OnCpu(Box::new(AabbTree::build(points, &settings)?)),
         })
     }
 

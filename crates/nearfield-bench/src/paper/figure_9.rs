@@ -32,7 +32,7 @@ const SEARCHES: [TreeSearch; 3] = [TreeSearch::Coherent, TreeSearch::Primary, Tr
 /// A tree that is refitted and never built anew.
 enum Tree {
     OnGpu(Box<GpuAabbTree>),
-    OnCpu(AabbTree),
+    OnCpu(Box<AabbTree>),
 }
 
 impl Tree {
@@ -88,7 +88,7 @@ fn run(lab: &Lab, spot: &Spot, (motion, search): (Motion, TreeSearch), row: &Row
     let settings = AabbTreeSettings::default().search(search);
     let mut tree = match gpu {
         Some(gpu) => Tree::OnGpu(Box::new(GpuAabbTree::build(gpu, &spot.points, &settings)?)),
-        None => Tree::OnCpu(AabbTree::build(&spot.points, &settings)?),
+        None => Tree::OnCpu(Box::new(AabbTree::build(&spot.points, &settings)?)),
     };
     let at_build = tree.boxes()?;
     let mut at = Positions::new(gpu, spot.points.clone())?;
