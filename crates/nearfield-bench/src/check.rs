@@ -155,6 +155,27 @@ impl Expected {
         Ok(())
     }
 
+    /// Share of the neighbours of the sampled queries that a list holds which may miss some.
+    ///
+    /// # Errors
+    /// The first sampled row with a point twice, or with one that is no neighbour.
+    pub fn recall(&self, offsets: &[u64], indices: &[u32]) -> Result<f64> {
+        if offsets.len() != self.lowest.len() + 1 || offsets.last() != Some(&(indices.len() as u64)) {
+            let (rows, expected) = (offsets.len().saturating_sub(1), self.lowest.len());
+            return Err(wrong(format!("{rows} rows with {} indices, expected {expected} whole rows", indices.len())));
+        }
+        let (mut hits, mut certain) = (0, 0);
+        for row in &self.sample {
+            let mut found = indices[offsets[row.query] as usize..offsets[row.query + 1] as usize].to_vec();
+            found.sort_unstable();
+            let found_certain = row.certain.iter().filter(|id| found.binary_search(id).is_ok()).copied().collect();
+            SampleRow { query: row.query, certain: found_certain, possible: row.possible.clone() }.check(&found)?;
+            hits += row.certain.iter().filter(|id| found.binary_search(id).is_ok()).count();
+            certain += row.certain.len();
+        }
+        Ok(if certain == 0 { 1.0 } else { hits as f64 / certain as f64 })
+    }
+
     /// Checks rows of start and length in any order: together they are all indices, each once.
     ///
     /// # Errors
@@ -272,6 +293,19 @@ mod tests {
         counts[3] += 1;
         counts[4] -= 1;
         assert!(expected.check_counts(&counts).is_err());
+    }
+
+    #[test]
+    fn recall_counts_what_is_missing_and_refuses_what_is_no_neighbor() {
+        let (expected, offsets, mut indices) = case();
+        assert_eq!(expected.recall(&offsets, &indices).expect("honest rows"), 1.0);
+        let none = vec![0; offsets.len()];
+        assert_eq!(expected.recall(&none, &[]).expect("honest rows"), 0.0);
+        indices[0] = indices[1];
+        assert!(expected.recall(&offsets, &indices).is_err(), "an index twice");
+        indices[0] = if indices[..offsets[1] as usize].contains(&1999) { 1998 } else { 1999 };
+        assert!(expected.recall(&offsets, &indices).is_err(), "a foreign index");
+        assert!(expected.recall(&offsets[1..], &indices).is_err(), "a row too few");
     }
 
     #[test]

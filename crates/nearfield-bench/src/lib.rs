@@ -10,6 +10,7 @@ pub mod device;
 pub mod grid;
 pub mod measure;
 pub mod octree;
+pub mod paper;
 pub mod plots;
 pub mod primitives;
 pub mod provenance;

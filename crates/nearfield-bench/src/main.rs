@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
-use nearfield_bench::{Result, baselines, curve, device, grid, octree, primitives};
+use nearfield_bench::{Result, baselines, curve, device, grid, octree, paper, primitives};
 
 /// Measure Nearfield on this machine.
 #[derive(Parser)]
@@ -23,6 +23,8 @@ enum Command {
     Grid(grid::Arguments),
     /// The charts of the poster on curves and octrees: CSV file, plots and a table
     Octree(octree::Arguments),
+    /// The experiments of the paper on moving points: CSV files, plots and a summary beside its figures
+    Paper(paper::Arguments),
     /// Approximate and other libraries' searches, with recall beside their times
     Baselines(baselines::Arguments),
     /// Times of keys along the curves and of relations between octants on one device
@@ -44,6 +46,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Command::Device(arguments) => device::run(&arguments),
         Command::Grid(arguments) => grid::run(&arguments),
         Command::Octree(arguments) => octree::run(&arguments),
+        Command::Paper(arguments) => paper::run(&arguments),
         Command::Baselines(arguments) => baselines::run(&arguments),
         Command::Curve { device } => match Machine::open(&device)?.device {
             Device::Cpu => Ok(curve::run_on_cpu()?),

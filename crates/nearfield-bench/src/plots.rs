@@ -8,8 +8,8 @@ use plotters::prelude::*;
 
 use crate::{Error, Result};
 
-/// Colours that people with any colour vision tell apart (after Okabe and Ito); the last is grey.
-const COLORS: [RGBColor; 8] = [
+/// Colours that people with any colour vision tell apart (after Okabe and Ito); then grey, black, brown, indigo and olive.
+const COLORS: [RGBColor; 12] = [
     RGBColor(213, 94, 0),
     RGBColor(0, 114, 178),
     RGBColor(230, 159, 0),
@@ -18,10 +18,18 @@ const COLORS: [RGBColor; 8] = [
     RGBColor(86, 180, 233),
     RGBColor(136, 34, 85),
     RGBColor(130, 130, 130),
+    RGBColor(0, 0, 0),
+    RGBColor(120, 94, 40),
+    RGBColor(51, 34, 136),
+    RGBColor(153, 153, 51),
 ];
 const FONT: &str = "sans-serif";
 const MARGIN: u32 = 14;
 const CAPTION_LINE: i32 = 17;
+/// Panels with more lines than this share a legend beside them, which covers nothing.
+const MOST_LINES_WITH_LEGEND: usize = 6;
+/// Width of that legend.
+const LEGEND_WIDTH: u32 = 270;
 
 /// A line with marks.
 #[derive(Debug, Clone)]
@@ -30,8 +38,32 @@ pub struct Series {
     pub name: String,
     /// Number of its colour, the same in every plot.
     pub color: usize,
-    /// Ascending in x; both positive where the axes are logarithmic.
+    /// Ascending in x; positive along logarithmic axes.
     pub points: Vec<(f64, f64)>,
+    /// How it is drawn.
+    pub look: Look,
+}
+
+/// How a series is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Look {
+    /// A line with dots at its points: what was measured.
+    Line,
+    /// Dots alone: measured points in no order.
+    Dots,
+    /// Crosses alone: the figures of a publication.
+    Published,
+}
+
+/// Which axes are logarithmic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Axes {
+    /// None; both begin at zero.
+    Linear,
+    /// Both.
+    Logarithmic,
+    /// y alone.
+    LogarithmicY,
 }
 
 /// Some lines over one pair of axes.
@@ -54,8 +86,8 @@ pub struct Frame {
     pub x_label: String,
     /// Label of the y axes with its unit.
     pub y_label: String,
-    /// Whether the axes are logarithmic.
-    pub logarithmic: bool,
+    /// Which axes are logarithmic.
+    pub axes: Axes,
     /// Whether the legend of lines stands on the right, for curves that fall.
     pub legend_right: bool,
 }
@@ -77,10 +109,16 @@ pub fn lines(path: &Path, frame: &Frame, panels: &[Panel]) -> Result<()> {
     let columns = if panels.len() > 1 { 2 } else { 1 };
     let rows = panels.len().div_ceil(columns).max(1);
     let (width, height) = if columns == 1 { (840, 560) } else { (1120, 430 * rows as u32 + 110) };
-    let root = SVGBackend::new(path, (width, height)).into_drawing_area();
-    let body = draw_frame(&root, frame)?;
+    let has_strip = panels.iter().any(|panel| panel.series.len() > MOST_LINES_WITH_LEGEND);
+    let root = SVGBackend::new(path, (width + if has_strip { LEGEND_WIDTH } else { 0 }, height)).into_drawing_area();
+    let mut body = draw_frame(&root, frame)?;
+    if has_strip {
+        let (charts, strip) = body.split_horizontally(width);
+        draw_legend(&strip, panels)?;
+        body = charts;
+    }
     for (panel, area) in panels.iter().zip(body.split_evenly((rows, columns))) {
-        let Some((x, y)) = ranges(panel, frame.logarithmic) else {
+        let Some((x, y)) = ranges(panel, frame.axes) else {
             continue;
         };
         let mut chart = ChartBuilder::on(&area);
@@ -88,12 +126,19 @@ pub fn lines(path: &Path, frame: &Frame, panels: &[Panel]) -> Result<()> {
         if !panel.title.is_empty() {
             chart.caption(&panel.title, (FONT, 16).into_font());
         }
-        if frame.logarithmic {
-            let mut chart = chart.build_cartesian_2d((x.0..x.1).log_scale(), (y.0..y.1).log_scale()).map_err(failed)?;
-            draw_lines(&mut chart, frame, panel)?;
-        } else {
-            let mut chart = chart.build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(failed)?;
-            draw_lines(&mut chart, frame, panel)?;
+        match frame.axes {
+            Axes::Linear => {
+                let mut chart = chart.build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(failed)?;
+                draw_lines(&mut chart, frame, panel, !has_strip)?;
+            }
+            Axes::Logarithmic => {
+                let (x, y) = ((x.0..x.1).log_scale(), (y.0..y.1).log_scale());
+                draw_lines(&mut chart.build_cartesian_2d(x, y).map_err(failed)?, frame, panel, !has_strip)?;
+            }
+            Axes::LogarithmicY => {
+                let mut chart = chart.build_cartesian_2d(x.0..x.1, (y.0..y.1).log_scale()).map_err(failed)?;
+                draw_lines(&mut chart, frame, panel, !has_strip)?;
+            }
         }
     }
     root.present().map_err(failed)
@@ -202,6 +247,7 @@ fn draw_lines<'a, 'b: 'a, X, Y>(
     chart: &mut ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>,
     frame: &Frame,
     panel: &Panel,
+    with_legend: bool,
 ) -> Result<()>
 where
     X: Ranged<ValueType = f64> + ValueFormatter<f64>,
@@ -211,8 +257,8 @@ where
         .configure_mesh()
         .x_desc(&frame.x_label)
         .y_desc(&frame.y_label)
-        .x_label_formatter(&|x| tick(*x, frame.logarithmic))
-        .y_label_formatter(&|y| tick(*y, frame.logarithmic))
+        .x_label_formatter(&|x| tick(*x, frame.axes == Axes::Logarithmic))
+        .y_label_formatter(&|y| tick(*y, frame.axes != Axes::Linear))
         .label_style((FONT, 13))
         .axis_desc_style((FONT, 15))
         .light_line_style(TRANSPARENT)
@@ -221,9 +267,29 @@ where
         .map_err(failed)?;
     for series in &panel.series {
         let color = COLORS[series.color % COLORS.len()];
-        let line = LineSeries::new(series.points.iter().copied(), color.stroke_width(2)).point_size(3);
-        let drawn = chart.draw_series(line).map_err(failed)?;
-        drawn.label(&series.name).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(3)));
+        let points = series.points.iter().copied();
+        match series.look {
+            Look::Line => {
+                let line = LineSeries::new(points, color.stroke_width(2)).point_size(3);
+                let drawn = chart.draw_series(line).map_err(failed)?;
+                let stroke = color.stroke_width(3);
+                drawn.label(&series.name).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], stroke));
+            }
+            Look::Dots => {
+                let dots = points.map(|at| Circle::new(at, 3, color.mix(0.6).filled()));
+                let drawn = chart.draw_series(dots).map_err(failed)?;
+                drawn.label(&series.name).legend(move |(x, y)| Circle::new((x + 9, y), 4, color.filled()));
+            }
+            Look::Published => {
+                let crosses = points.map(|at| Cross::new(at, 6, color.stroke_width(2)));
+                let drawn = chart.draw_series(crosses).map_err(failed)?;
+                let stroke = color.stroke_width(2);
+                drawn.label(&series.name).legend(move |(x, y)| Cross::new((x + 9, y), 6, stroke));
+            }
+        }
+    }
+    if !with_legend {
+        return Ok(());
     }
     let legend = match frame.legend_right {
         true => SeriesLabelPosition::UpperRight,
@@ -239,8 +305,29 @@ where
         .map_err(failed)
 }
 
+/// Writes the names of all series of the panels below each other, each once.
+fn draw_legend(strip: &Area<'_>, panels: &[Panel]) -> Result<()> {
+    let mut names: Vec<&str> = Vec::new();
+    for series in panels.iter().flat_map(|panel| &panel.series) {
+        if names.contains(&series.name.as_str()) || series.points.is_empty() {
+            continue;
+        }
+        let (y, color) = (40 + 22 * names.len() as i32, COLORS[series.color % COLORS.len()]);
+        let stroke = color.stroke_width(3);
+        match series.look {
+            Look::Line => strip.draw(&PathElement::new([(6, y), (26, y)], stroke)),
+            Look::Dots => strip.draw(&Circle::new((16, y), 4, color.filled())),
+            Look::Published => strip.draw(&Cross::new((16, y), 6, color.stroke_width(2))),
+        }
+        .map_err(failed)?;
+        strip.draw(&Text::new(series.name.clone(), (34, y - 6), (FONT, 13).into_font())).map_err(failed)?;
+        names.push(&series.name);
+    }
+    Ok(())
+}
+
 /// Ranges of x and y that hold every point, with a little room; `None` where there is no point.
-fn ranges(panel: &Panel, logarithmic: bool) -> Option<((f64, f64), (f64, f64))> {
+fn ranges(panel: &Panel, axes: Axes) -> Option<((f64, f64), (f64, f64))> {
     let points = || panel.series.iter().flat_map(|s| &s.points);
     let hull = |values: &mut dyn Iterator<Item = f64>| {
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
@@ -249,10 +336,14 @@ fn ranges(panel: &Panel, logarithmic: bool) -> Option<((f64, f64), (f64, f64))> 
     if x.0 > x.1 {
         return None;
     }
-    if logarithmic {
-        return Some(((x.0 / 1.15, x.1 * 1.15), (y.0 / 1.5, y.1 * 4.0)));
-    }
-    Some(((0.0, x.1 * 1.03), (0.0, y.1 * 1.45)))
+    // Room for a legend above the lines.
+    let has_legend = panel.series.len() <= MOST_LINES_WITH_LEGEND;
+    let (log_y, linear_y) = ((y.0 / 1.5, y.1 * if has_legend { 4.0 } else { 1.5 }), (0.0, y.1 * 1.45));
+    Some(match axes {
+        Axes::Linear => ((0.0, x.1 * 1.03), linear_y),
+        Axes::Logarithmic => ((x.0 / 1.15, x.1 * 1.15), log_y),
+        Axes::LogarithmicY => ((x.0 - 0.03 * (x.1 - x.0), x.1 + 0.03 * (x.1 - x.0)), log_y),
+    })
 }
 
 fn centered(size: u32, color: &RGBColor) -> TextStyle<'static> {

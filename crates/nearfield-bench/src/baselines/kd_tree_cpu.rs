@@ -1,6 +1,7 @@
 //! Exact search by the kd-tree of kiddo on the CPU, all threads: the queries are shared out by rayon, as kiddo answers one at
 //! a time.
 
+use std::borrow::Cow;
 use std::num::NonZero;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -20,7 +21,7 @@ const DIMENSIONS: std::ops::RangeInclusive<usize> = 2..=16;
 
 /// kiddo's immutable kd-tree over points of 2 to 16 dimensions.
 pub struct KdTree<'a> {
-    points: &'a Points,
+    points: Cow<'a, Points>,
     tree: Box<dyn OneQuery>,
 }
 
@@ -61,6 +62,18 @@ impl<'a> KdTree<'a> {
     /// # Errors
     /// `Unsupported` beyond 16 dimensions, and for points that kiddo's build panics on.
     pub fn build(points: &'a Points) -> Result<Self> {
+        Self::over(Cow::Borrowed(points))
+    }
+
+    /// As [`KdTree::build`], of points that the tree keeps.
+    ///
+    /// # Errors
+    /// As [`KdTree::build`].
+    pub fn build_owned(points: Points) -> Result<KdTree<'static>> {
+        KdTree::over(Cow::Owned(points))
+    }
+
+    fn over(points: Cow<'a, Points>) -> Result<Self> {
         let builds = [
             build::<2>,
             build::<3>,
@@ -83,7 +96,7 @@ impl<'a> KdTree<'a> {
             let what = format!("a kd-tree of {dimension} dimensions");
             Error::Unsupported { what, advice: "2 to 16 dimensions have one" }
         })?;
-        let tree = catch_unwind(AssertUnwindSafe(|| build(points))).map_err(|_| Error::Unsupported {
+        let tree = catch_unwind(AssertUnwindSafe(|| build(&points))).map_err(|_| Error::Unsupported {
             what: format!("kiddo's kd-tree of these {} points", points.len()),
             advice: "its build panicked; leave this baseline out",
         })?;
@@ -147,7 +160,7 @@ impl<'a> KdTree<'a> {
     }
 
     fn asking<'b>(&'b self, queries: Queries<'b>) -> Result<&'b Points> {
-        let asking = queries.of(self.points);
+        let asking = queries.of(&self.points);
         self.points.check_same_dimension(asking)?;
         Ok(asking)
     }

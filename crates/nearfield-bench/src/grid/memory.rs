@@ -6,7 +6,7 @@
 use super::rows::{Row, Rows, TOTAL};
 use super::{Lab, ascending, particles};
 use crate::Result;
-use crate::plots::{self, Frame, Panel, Series};
+use crate::plots::{self, Axes, Frame, Look, Panel, Series};
 use crate::provenance::COMMIT;
 use nearfield::structure::UniformGrid;
 use nearfield::{GpuUniformGrid, GridSettings, NeighborSearch, Vec3};
@@ -127,6 +127,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
                 name: (*method).to_owned(),
                 color: [1, 3, 7][number],
                 points: extra(&rows, method, n).iter().map(|&(r, bytes)| (r, bytes * scale)).collect(),
+                look: Look::Line,
             };
             METHODS.iter().enumerate().map(series).filter(|s| !s.points.is_empty()).collect::<Vec<_>>()
         };
@@ -135,7 +136,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
             caption: lab.caption("Bytes beyond 12 a particle; the particles fill a cube of edge 1."),
             x_label: "radius, edges of the cube".to_owned(),
             y_label: "extra memory".to_owned(),
-            logarithmic: true,
+            axes: Axes::Logarithmic,
             legend_right: true,
         };
         let panels = [

@@ -4,7 +4,7 @@ use super::method::Method;
 use super::rows::{Row, TOTAL};
 use super::{Lab, Spot, ascending, particles, radius_for};
 use crate::Result;
-use crate::plots::{self, Frame, Panel, Series};
+use crate::plots::{self, Axes, Frame, Look, Panel, Series};
 
 /// File of the rows.
 pub const FILE: &str = "gpu-methods.csv";
@@ -80,6 +80,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
         name: method.name().to_owned(),
         color: if method == Method::GpuGrid { 3 } else { 2 },
         points,
+        look: Look::Line,
     };
     for (file, title, x_label, curves) in [
         (
@@ -100,7 +101,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
             caption: lab.caption("Device timestamps, build and full list included."),
             x_label: x_label.to_owned(),
             y_label: "milliseconds on the device".to_owned(),
-            logarithmic: true,
+            axes: Axes::Logarithmic,
             legend_right: false,
         };
         plots::lines(&lab.path(file), &frame, &[Panel { title: String::new(), series: curves.to_vec() }])?;

@@ -4,7 +4,7 @@ use super::method::Method;
 use super::rows::{Row, TOTAL};
 use super::{Lab, Spot, ascending, particles, radius_for};
 use crate::Result;
-use crate::plots::{self, Bar, Frame};
+use crate::plots::{self, Axes, Bar, Frame};
 
 /// File of the rows.
 pub const FILE: &str = "stages.csv";
@@ -55,7 +55,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
         caption: lab.caption("Device timestamps; \"other\" is the rest of the wall clock."),
         x_label: String::new(),
         y_label: "share of the wall clock, %".to_owned(),
-        logarithmic: false,
+        axes: Axes::Linear,
         legend_right: true,
     };
     plots::shares(&lab.path("stages.svg"), &frame, &bars)

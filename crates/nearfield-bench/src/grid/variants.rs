@@ -5,7 +5,7 @@ use super::method::Method;
 use super::rows::{Row, TOTAL};
 use super::{Lab, Spot, ascending, particles, radius_for};
 use crate::Result;
-use crate::plots::{self, Frame, Panel, Series};
+use crate::plots::{self, Axes, Frame, Look, Panel, Series};
 
 /// File of the rows.
 pub const FILE: &str = "variants.csv";
@@ -62,7 +62,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
             caption: lab.caption("Wall clock, build and full list included; points and list stay on the device."),
             x_label: "particles".to_owned(),
             y_label: "milliseconds".to_owned(),
-            logarithmic,
+            axes: if logarithmic { Axes::Logarithmic } else { Axes::Linear },
             legend_right: !logarithmic,
         };
         plots::lines(&lab.path(file), &frame, &panels)?;
@@ -73,7 +73,7 @@ pub fn plot(lab: &Lab) -> Result<()> {
 fn panel(rows: &[Row], methods: &[Method], wanted: f64, logarithmic: bool) -> Panel {
     let series = |&method: &Method| {
         let color = Method::ALL.iter().position(|&m| m == method).unwrap_or_default();
-        Series { name: method.name().to_owned(), color, points: curve(rows, method, wanted) }
+        Series { name: method.name().to_owned(), color, points: curve(rows, method, wanted), look: Look::Line }
     };
     let mut series: Vec<Series> = methods.iter().map(series).filter(|s| !s.points.is_empty()).collect();
     if !logarithmic {

@@ -20,7 +20,7 @@ use nearfield::gpu::{DeviceChoice, Gpu};
 
 use crate::Result;
 use crate::measure::Effort;
-use crate::plots::{self, Frame, Panel, Series};
+use crate::plots::{self, Axes, Frame, Look, Panel, Series};
 use crate::provenance::{COMMIT, Device, Machine, processor};
 use crate::sets::Set;
 use chart::Chart;
@@ -220,6 +220,7 @@ fn plot(path: &std::path::Path, rows: &[Row], machine: &Machine, kind: CloudKind
                 .filter(|row| row.chart == chart && row.method == method)
                 .map(|row| (row.n as f64, row.milliseconds()))
                 .collect(),
+            look: Look::Line,
         });
         Panel { title: chart.title().to_owned(), series: series.filter(|s| !s.points.is_empty()).collect() }
     };
@@ -234,7 +235,7 @@ fn plot(path: &std::path::Path, rows: &[Row], machine: &Machine, kind: CloudKind
         ],
         x_label: "points".to_owned(),
         y_label: "milliseconds".to_owned(),
-        logarithmic: true,
+        axes: Axes::Logarithmic,
         legend_right: false,
     };
     plots::lines(path, &frame, &Chart::ALL.map(panel))
