@@ -135,7 +135,10 @@ impl Index {
             StructureChoice::Auto => {
                 validate::points(points)?;
                 let (structure, reason) = choose::choose(points, purpose, &period);
-                (structure, Some(reason))
+                // There the octree counts beforehand how far its loops really go, and the tree takes the worst case.
+                let limited = gpu.is_some_and(|gpu| gpu.limits().loop_rounds.is_some());
+                let instead = limited && structure == StructureChoice::AabbTree && radius.is_none();
+                (if instead { StructureChoice::LinearOctree } else { structure }, Some(reason))
             }
             chosen => (chosen, None),
         };

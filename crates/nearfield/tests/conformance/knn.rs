@@ -78,7 +78,9 @@ pub(crate) fn ask_everything(subject: &Subject, built: &dyn Built, solved: &Solv
     // One neighbour more or less than a leaf holds.
     let is_asked = |question: &&Question| {
         let is_too_much = question.reach == Some(Reach::All) && n > questions::MOST_POINTS_FOR_ALL;
-        !is_too_much && (subject.asks_everything() || ![31, 33].contains(&question.k))
+        !is_too_much
+            && (subject.asks_everything() || subject.asks_nearest())
+            && (subject.asks_everything() || ![31, 33].contains(&question.k))
     };
     for question in QUESTIONS.iter().filter(is_asked).chain(beyond) {
         let &Question { own, k, reach, exclude_self } = question;

@@ -162,7 +162,10 @@ const OCTREES: &[(&str, OctreeSettings)] = &[
 /// Builds of the AABB-tree; the first word is the search.
 const TREES: &[(&str, AabbTreeSettings)] = &[
     ("packed", AabbTreeSettings::DEFAULT),
-    ("primary", AabbTreeSettings { search: TreeSearch::Primary, ..AabbTreeSettings::DEFAULT }),
+    (
+        "primary leaves-of-70",
+        AabbTreeSettings { bucket_size: 70, search: TreeSearch::Primary, ..AabbTreeSettings::DEFAULT },
+    ),
     ("coherent", AabbTreeSettings { search: TreeSearch::Coherent, ..AabbTreeSettings::DEFAULT }),
     (
         "packed along-hilbert-leaves-of-3",
@@ -401,6 +404,11 @@ impl Subject {
             #[cfg(feature = "gpu")]
             Device::Gpu => crate::support::gpu().is_ok_and(crate::support::long_cases),
         }
+    }
+
+    /// Whether software devices ask for the nearest too: on trees they do not depend on the search.
+    pub(crate) fn asks_nearest(&self) -> bool {
+        self.structure != "aabb-tree" || self.variant.starts_with("packed")
     }
 
     /// Whether large clouds are tried: on hardware, and where long tests are asked for.

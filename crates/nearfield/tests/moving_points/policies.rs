@@ -99,8 +99,8 @@ fn cost(device: Device<'_>) {
     let mut moving = device.start(&points, RADIUS, &settings, RebuildPolicy::Cost).unwrap();
     let mut model = Model::new(&*moving, RADIUS, RebuildPolicy::Cost);
     let mut builds = Vec::new();
-    // Shares of a build: the extra time is 0.25, 0.75, 1.0 of one, then counts from zero, then falls to a faster base.
-    for (step, share) in [0.5, 0.75, 1.0, 0.75, 3.0, 3.5, 1.0, 1.25, 1.5, 0.0].into_iter().enumerate() {
+    // Shares of a build: the extra time is 0.25, 0.75, 1.05 of one, then counts from zero, then falls to a faster base.
+    for (step, share) in [0.5, 0.75, 1.0, 0.8, 3.0, 3.5, 1.0, 1.25, 1.5, 0.0].into_iter().enumerate() {
         model.record(&mut *moving, share);
         Motion::Drift(0.1).apply(&mut points, &mut random);
         let report = moving.update(&points).unwrap();

@@ -76,7 +76,10 @@ pub(super) fn run(
     let counts: Buffer<u32> = gpu.buffer("neighbour counts", n)?;
     let next: Buffer<u32> = gpu.upload("next query", &[0])?;
     let groups = match invocations {
-        Some(invocations) => u64::from(invocations.div_ceil(WORKGROUP).max(1)),
+        // More than there are queries have nothing to do, and a dispatch must not be folded: the surplus would take queries too.
+        Some(invocations) => {
+            u64::from((invocations.min(n as u32)).div_ceil(WORKGROUP).clamp(1, gpu.limits().workgroups))
+        }
         None => n.div_ceil(WORKGROUP as usize) as u64,
     };
     let lanes = (groups * u64::from(WORKGROUP)) as usize;

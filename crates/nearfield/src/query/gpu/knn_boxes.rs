@@ -105,8 +105,9 @@ impl NearestOnDevice for GpuAabbTree {
 
     fn check_loops(&self, _: &Knn<'_>, places: usize) -> Result<()> {
         let Some(limit) = self.gpu().limits().loop_rounds.filter(|_| places > 0) else { return Ok(()) };
-        // Every node, leaves once more, every point as one of eight and as one in reach; a query's leaf and its row.
-        let rounds = (4 * self.shape().n_leaves() + self.len() + self.len() / 8) as u64 + 128;
+        // Two steps a leaf; in it the looks that end three loops, and rounds that are not full; every point as one of eight, as
+        // one of 32 and as one in reach; a query's leaf and its row.
+        let rounds = (8 * self.shape().n_leaves() + self.len() + self.len() / 8 + self.len() / 32) as u64 + 128;
         let in_step = self.rounds_in_step();
         if rounds * in_step <= u64::from(limit) {
             return Ok(());

@@ -160,7 +160,7 @@ pub trait SearchOnDevice: GpuStructure {
     ///
     /// # Errors
     /// As [`SearchOnDevice::list_on_device`]; `Unsupported` for structures without masks (brute force), and where the
-    /// masks of all queries, 128 bytes each, do not fit one binding.
+    /// masks of all queries, 128 bytes each or 192 on the AABB-tree, do not fit one binding.
     fn list_rows_on_device(&self, question: &FixedRadius<'_>) -> Result<GpuNeighborRows>
     where
         Self: Sized,

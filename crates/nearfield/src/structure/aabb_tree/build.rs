@@ -21,9 +21,9 @@ impl<T: Scalar, const D: usize> BoxN<T, D> {
     /// The smallest box that holds `self` and the point.
     #[inline(always)]
     pub fn grown_to(mut self, point: &[T; D]) -> Self {
-        for axis in 0..D {
-            self.min[axis] = self.min[axis].smaller(point[axis]);
-            self.max[axis] = self.max[axis].larger(point[axis]);
+        for (axis, &value) in point.iter().enumerate() {
+            self.min[axis] = self.min[axis].smaller(value);
+            self.max[axis] = self.max[axis].larger(value);
         }
         self
     }

@@ -32,7 +32,8 @@ pub enum BuildOrder {
 /// How fixed-radius questions are answered. The answers are the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum TreeSearch {
-    /// One traversal a query: algorithm 1 of Xing2017.
+    /// One traversal a query, as algorithm 1 of Xing2017, but from the root along the ropes instead of back from a leaf that the
+    /// query touches. (`count_primary` and `primary_counters` go the paper's way.)
     Primary,
     /// One traversal a leaf with queries, whose candidates are kept and then tested: algorithm 2 of Xing2017.
     Coherent,

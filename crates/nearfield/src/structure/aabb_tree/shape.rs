@@ -1,4 +1,4 @@
-//! The shape of the tree: which node has which children and which points, by arithmetic alone. `shape.wesl` is the twin.
+//! The shape of the tree: which node has which children and which points, by arithmetic alone. `layout.wesl` is the twin.
 //!
 //! Level l has 2^l nodes; node j of them holds the places ⌊j·n/2^l⌋ … ⌊(j+1)·n/2^l⌋ of the tree's order. Its two halves
 //! differ by at most one point, so every node is split at its median.
