@@ -59,7 +59,8 @@ fn largest_coordinates(device: Device<'_>) {
         let (measured, rebuilds) = ratio(5e17, 1e18, 0.0, 10.0);
         assert!((7.999..8.001).contains(&measured) && !rebuilds, "{measured}");
         let (measured, rebuilds) = ratio(1e18, 1e18, 1.0, 10.0);
-        assert!(measured == 1.0 && !rebuilds, "{measured}");
+        // A device may round a quotient of equals.
+        assert!((0.999_999..1.000_001).contains(&measured) && !rebuilds, "{measured}");
         let (measured, rebuilds) = ratio(1e18, 1e-15, 1e-18, 10.0);
         assert!(measured < 1e-20 && !rebuilds, "{measured}");
         // The ratio itself is beyond the largest f32: it is infinite, and above all limits but the infinite one.

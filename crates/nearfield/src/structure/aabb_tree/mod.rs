@@ -6,7 +6,7 @@
 //!
 //! Source: Xing2017 for the tree, its refit and the searches `Primary` and `Coherent`; the searches `Packed` and by
 //! nearness, and the build along the Hilbert curve, are ours. Cost: 16 bytes a point, and 24 a node on the CPU or 32 on the
-//! GPU, about 0.13 nodes a point; build by median splits O(n log n), along the curve one sort; refit O(n). When to use:
+//! GPU, about 0.13 nodes a point, on the CPU and by `Primary` also 4 for the pack of each point; build by median splits O(n log n), along the curve one sort; refit O(n). When to use:
 //! points that move, density that varies strongly, radii that differ, nearest neighbours; for one radius and even density
 //! that is built anew in every step the uniform grid is faster.
 //!
@@ -15,7 +15,7 @@
 //! 2. the shape is complete and follows from the numbers of points and bucket alone ([`TreeShape`]): no leaf holds more
 //!    than the bucket, halves of a node differ by at most one point;
 //! 3. every point lies in the box of each node above it;
-//! 4. boxes are the smallest ones, after a build and after a refit;
+//! 4. boxes are the smallest ones, after a build and after a refit; in 3 and 4 a device may take coordinates below 1.2e-38 for 0;
 //! 5. packs tile the order.
 
 pub mod any_dimension;
