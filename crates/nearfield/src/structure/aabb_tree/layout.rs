@@ -3,7 +3,9 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::region::NodeBox;
+#[cfg(feature = "gpu")]
 use super::shape::TreeShape;
+#[cfg(feature = "gpu")]
 use crate::geometry::Period;
 
 /// A node on a device.
@@ -22,6 +24,7 @@ pub struct AabbNode {
 
 impl AabbNode {
     /// Node `node` of the shape with this box.
+    #[cfg(feature = "gpu")]
     pub(super) fn new(shape: &TreeShape, node: usize, aabb: &NodeBox) -> Self {
         let points = shape.points(node);
         Self { low: aabb.min, first_point: points.start as u32, high: aabb.max, end_point: points.end as u32 }
@@ -47,6 +50,7 @@ pub struct TreeLayout {
     pub depth: u32,
 }
 
+#[cfg(feature = "gpu")]
 impl TreeLayout {
     pub(super) fn new(shape: &TreeShape, period: Period) -> Self {
         Self {
