@@ -104,22 +104,19 @@ pub(super) fn measure(
             }
             Err(error) => row(super::on_gpu::UNORDERED, name, None, too_large(error)?),
         });
-        for search in [TreeSearch::Packed, TreeSearch::Primary] {
-            tree.set_search(search);
-            let name = name_of(order, search);
-            let found = repeat(effort, || {
-                let found = tree.knn_on_device(&Knn::new(NEAREST))?;
-                let stages = found.report.stages.clone();
-                Ok((found, stages))
-            });
-            add(match found {
-                Ok((found, measured)) => {
-                    check_nearest(points, NEAREST, &gpu.read(&found.indices)?)?;
-                    row("kNN 16", name, Some(measured), String::new())
-                }
-                Err(error) => row("kNN 16", name, None, refused(error)?),
-            });
-        }
+        let found = repeat(effort, || {
+            let found = tree.knn_on_device(&Knn::new(NEAREST))?;
+            let stages = found.report.stages.clone();
+            Ok((found, stages))
+        });
+        let name = if order == BuildOrder::Hilbert { "along hilbert" } else { "median splits" };
+        add(match found {
+            Ok((found, measured)) => {
+                check_nearest(points, NEAREST, &gpu.read(&found.indices)?)?;
+                row("kNN 16", name, Some(measured), String::new())
+            }
+            Err(error) => row("kNN 16", name, None, refused(error)?),
+        });
     }
     drop(tree);
     let listed = repeat(effort, || {

@@ -65,7 +65,12 @@ impl NearestOnDevice for GpuAabbTree {
         let mut binds: Vec<Bind> = vec![queries.points().into(), queries.radii().into()];
         binds.extend(self.bindings().into_iter().map(|(_, bind)| bind));
         binds.extend([Bind::from(&rows.ids), Bind::from(&rows.dist2)]);
-        let dealing = Dealing::of(self, queries, WORKGROUP);
+        // Only those that go together gain from staying within a node.
+        let together = self.rounds_in_step() == 1;
+        let dealing = match together {
+            true => Dealing::of(self, queries, WORKGROUP),
+            false => Dealing::fixed(queries.len(), WORKGROUP),
+        };
         for first in (0..places).step_by(MOST_PLACES as usize) {
             let run = KnnRun {
                 count: queries.len() as u32,
@@ -82,8 +87,7 @@ impl NearestOnDevice for GpuAabbTree {
             };
             let left = (places - first).min(MOST_PLACES);
             let size = SIZES.iter().position(|&(_, size)| left <= size).expect("the largest size should hold a run");
-            let mut features =
-                vec![("periodic", self.settings().period.is_periodic()), ("packed", self.rounds_in_step() == 1)];
+            let mut features = vec![("periodic", self.settings().period.is_periodic()), ("packed", together)];
             features.extend(SIZES.iter().enumerate().map(|(i, &(name, _))| (name, i == size)));
             features.extend([("fours", places.is_multiple_of(4)), ("excludes", within.exclude_self)]);
             let kernel = Kernel {
