@@ -78,9 +78,8 @@ pub(crate) fn ask_everything(subject: &Subject, built: &dyn Built, solved: &Solv
     // One neighbour more or less than a leaf holds.
     let is_asked = |question: &&Question| {
         let is_too_much = question.reach == Some(Reach::All) && n > questions::MOST_POINTS_FOR_ALL;
-        !is_too_much
-            && (subject.asks_everything() || subject.asks_nearest())
-            && (subject.asks_everything() || ![31, 33].contains(&question.k))
+        let is_special = [31, 33].contains(&question.k) || !subject.asks_nearest();
+        !is_too_much && (subject.asks_everything() || !is_special)
     };
     for question in QUESTIONS.iter().filter(is_asked).chain(beyond) {
         let &Question { own, k, reach, exclude_self } = question;
