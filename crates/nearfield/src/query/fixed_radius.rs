@@ -67,6 +67,17 @@ pub enum RowOrder {
     Distance,
 }
 
+#[cfg(feature = "gpu")]
+impl Radius<'_> {
+    /// As kernels take it: 1 and nothing where each query has its own, else 0 and the radius of all.
+    pub(super) fn parameters(&self) -> (u32, f32) {
+        match *self {
+            Radius::One(radius) => (0, radius),
+            Radius::Each(_) => (1, 0.0),
+        }
+    }
+}
+
 impl<'a> FixedRadius<'a> {
     /// All points within `radius` of every point of the structure.
     pub fn new(radius: f32) -> Self {

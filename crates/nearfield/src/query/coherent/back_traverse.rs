@@ -8,8 +8,8 @@ use super::sweep::Sweep;
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, StageTime, Workgroups};
 use crate::parallel::reduce::GpuReduce;
 use crate::parallel::scan::GpuScan;
+use crate::query::FixedRadius;
 use crate::query::gpu::batch::windows;
-use crate::query::{FixedRadius, Radius};
 use crate::structure::{DevicePoint, GpuAabbTree, GpuStructure};
 use crate::{Error, Result};
 
@@ -129,10 +129,7 @@ impl Candidates {
         let starts = gpu.buffer("starts of packs", packs.len + 1)?;
         // Until the number of candidates is known there is no place for them.
         let mut found = none(Some(packs), starts, gpu.buffer("no candidates", 0)?);
-        let (own_radius, radius) = match question.radius {
-            Radius::One(radius) => (0, radius),
-            Radius::Each(_) => (1, 0.0),
-        };
+        let (own_radius, radius) = question.radius.parameters();
         let n_packs = found.n_packs() as u32;
         let sweep = Sweep {
             n_queries: n as u32,

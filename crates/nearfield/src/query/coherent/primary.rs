@@ -65,10 +65,7 @@ pub(super) fn run(
             advice: "use the search `packed`, larger leaves or the CPU",
         });
     }
-    let (own_radius, radius) = match question.radius {
-        Radius::One(radius) => (0, radius),
-        Radius::Each(_) => (1, 0.0),
-    };
+    let (own_radius, radius) = question.radius.parameters();
     let flags = own_radius | u32::from(question.exclude_self) << 1;
     let sweep = Sweep { n_queries: n as u32, flags, radius, ..bytemuck::Zeroable::zeroed() };
     let sweep = gpu.uniform("queries", &sweep)?;

@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use super::knn::{NearestOnDevice, Rows};
 use super::visit::{Dealing, QueryBuffers};
 use crate::gpu::{Access, Bind, Commands, Kernel};
-use crate::query::{FixedRadius, Knn, Radius};
+use crate::query::{FixedRadius, Knn};
 use crate::structure::{GpuAabbTree, GpuStructure};
 use crate::{Error, Result};
 
@@ -58,10 +58,7 @@ impl NearestOnDevice for GpuAabbTree {
     ) -> Result<()> {
         use Access::{Read, ReadWrite, Uniform};
         let gpu = self.gpu();
-        let (own_radius, radius) = match within.radius {
-            Radius::One(radius) => (0, radius),
-            Radius::Each(_) => (1, 0.0),
-        };
+        let (own_radius, radius) = within.radius.parameters();
         let mut binds: Vec<Bind> = vec![queries.points().into(), queries.radii().into()];
         binds.extend(self.bindings().into_iter().map(|(_, bind)| bind));
         binds.extend([Bind::from(&rows.ids), Bind::from(&rows.dist2)]);

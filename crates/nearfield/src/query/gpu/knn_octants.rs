@@ -6,7 +6,7 @@ use super::knn::{NearestOnDevice, Rows};
 use super::loops;
 use super::visit::QueryBuffers;
 use crate::gpu::{Access, Bind, Commands, Kernel, Workgroups};
-use crate::query::{FixedRadius, Knn, Queries, Radius};
+use crate::query::{FixedRadius, Knn, Queries};
 use crate::structure::{GpuLinearOctree, GpuStructure};
 use crate::{Error, Result};
 
@@ -46,10 +46,7 @@ impl NearestOnDevice for GpuLinearOctree {
         rows: &Rows,
     ) -> Result<()> {
         use Access::{Read, ReadWrite, Uniform};
-        let (own_radius, radius) = match within.radius {
-            Radius::One(radius) => (0, radius),
-            Radius::Each(_) => (1, 0.0),
-        };
+        let (own_radius, radius) = within.radius.parameters();
         let batch = KnnBatch {
             count: queries.len() as u32,
             first_id: queries.first_id(),

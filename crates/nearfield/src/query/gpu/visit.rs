@@ -312,10 +312,7 @@ impl Part<'_> {
     /// Records one run over the queries at some places.
     fn record(&self, commands: &mut Commands, places: Range<u32>, dealing: Dealing, binds: &[Bind]) -> Result<()> {
         let queries = self.queries;
-        let (own_radius, radius) = match self.question.radius {
-            Radius::One(radius) => (0, radius),
-            Radius::Each(_) => (1, 0.0),
-        };
+        let (own_radius, radius) = self.question.radius.parameters();
         let batch = Batch {
             count: queries.len() as u32,
             first_id: queries.first_id,
