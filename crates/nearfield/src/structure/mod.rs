@@ -1,8 +1,9 @@
-//! Orders of points (and later of triangles) that make searching them cheap.
+//! Orders of points and of triangles that make searching them cheap.
 //!
 //! A structure on the CPU is points in some order, cut into packs of neighbours, and one method: which runs of that
 //! order can hold anything near a box. Every query is written once on top of that ([`CpuStructure`]). The
-//! [`dense_octree`] is a tree to compare with and answers questions of its own.
+//! [`dense_octree`] is a tree to compare with and answers questions of its own. Over triangles the method is a walk along
+//! a ray ([`RayStructure`]).
 
 use std::ops::Range;
 
@@ -18,6 +19,7 @@ pub mod moving_points;
 #[cfg(feature = "gpu")]
 mod on_gpu;
 mod packing;
+mod ray_structure;
 pub mod uniform_grid;
 
 pub use aabb_tree::{
@@ -25,9 +27,9 @@ pub use aabb_tree::{
 };
 #[cfg(feature = "gpu")]
 pub use aabb_tree::{AabbTreeBuilder, GpuAabbTree, GpuAabbTreeN};
-pub use brute_force::BruteForce;
 #[cfg(feature = "gpu")]
 pub use brute_force::GpuBruteForce;
+pub use brute_force::{BruteForce, BruteForceMesh};
 #[cfg(feature = "gpu")]
 pub use dense_octree::GpuDenseOctree;
 pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};
@@ -41,6 +43,7 @@ pub use moving_points::{MovingPoints, RebuildPolicy, UpdateAction, UpdateReason,
 pub(crate) use on_gpu::device_points;
 #[cfg(feature = "gpu")]
 pub use on_gpu::{DevicePoint, Effort, GpuStructure};
+pub use ray_structure::{CountRayWork, HitVisitor, PreparedTriangles, RayStructure, RayWork};
 #[cfg(feature = "gpu")]
 pub use uniform_grid::{GpuUniformGrid, GridBuilder};
 pub use uniform_grid::{GridSettings, UniformGrid};
