@@ -54,6 +54,6 @@ pub use structure::{
 };
 #[cfg(feature = "gpu")]
 pub use structure::{
-    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuBruteForceMesh, GpuDenseOctree, GpuLinearOctree, GpuMovingPoints,
-    GpuUniformGrid,
+    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuBruteForceMesh, GpuDenseOctree, GpuKdTree, GpuLinearOctree,
+    GpuMovingPoints, GpuUniformGrid,
 };

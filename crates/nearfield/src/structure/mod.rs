@@ -36,6 +36,8 @@ pub use brute_force::{GpuBruteForce, GpuBruteForceMesh};
 #[cfg(feature = "gpu")]
 pub use dense_octree::GpuDenseOctree;
 pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};
+#[cfg(feature = "gpu")]
+pub use kd_tree::GpuKdTree;
 pub use kd_tree::{KdBuild, KdStats, KdTraversal, KdTree, KdTreeSettings};
 pub use linear_octree::{Contact, LeafNeighbors, LinearOctree, OctreeNode, OctreeSettings};
 #[cfg(feature = "gpu")]

@@ -1,9 +1,13 @@
 //! The kd-tree: sound for every build on every mesh, and to the bit what brute force says.
 
 mod meshes;
+mod on_gpu;
+#[path = "../support/mod.rs"]
+mod support;
 
 use std::sync::Arc;
 
+use libtest_mimic::{Arguments, Trial};
 use meshes::{Random, meshes, rays};
 use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::{
@@ -21,7 +25,6 @@ const BUILDS: [KdTreeSettings; 4] = [
 /// Rays for each build on each mesh.
 const RAYS: usize = 10_000;
 
-#[test]
 fn every_tree_keeps_the_invariants() {
     for (name, mesh) in meshes() {
         for settings in BUILDS {
@@ -33,7 +36,6 @@ fn every_tree_keeps_the_invariants() {
     }
 }
 
-#[test]
 fn every_walk_gives_what_brute_force_gives() {
     for (name, mesh) in meshes() {
         let triangles = PreparedTriangles::new(&mesh).unwrap();
@@ -64,7 +66,6 @@ fn every_walk_gives_what_brute_force_gives() {
     }
 }
 
-#[test]
 fn both_walks_test_the_same_triangles() {
     let mesh = mesh(MeshKind::Soup, 3000, 4);
     let tree = KdTree::build(&mesh, &KdTreeSettings::DEFAULT).unwrap();
@@ -85,7 +86,6 @@ fn both_walks_test_the_same_triangles() {
     assert!(nodes(&ropes) < nodes(&stack), "ropes skip nodes: {} and {}", nodes(&ropes), nodes(&stack));
 }
 
-#[test]
 fn the_tree_is_the_same_on_one_thread_and_on_many() {
     let mesh = mesh(MeshKind::Icosphere, 40_000, 0);
     let triangles = PreparedTriangles::new(&mesh).unwrap();
@@ -100,7 +100,6 @@ fn the_tree_is_the_same_on_one_thread_and_on_many() {
     }
 }
 
-#[test]
 fn memory_is_bounded_and_the_answers_stay() {
     let mesh = mesh(MeshKind::Soup, 2000, 6);
     let triangles = PreparedTriangles::new(&mesh).unwrap();
@@ -124,7 +123,6 @@ fn memory_is_bounded_and_the_answers_stay() {
     }
 }
 
-#[test]
 fn bad_meshes_and_settings_are_errors() {
     let build = |mesh: &TriMesh, settings| KdTree::build(mesh, settings).map(|_| ());
     let defaults = KdTreeSettings::DEFAULT;
@@ -137,4 +135,20 @@ fn bad_meshes_and_settings_are_errors() {
     assert!(matches!(build(&bad, &defaults), Err(Error::NonFinite { .. })));
     let settings = defaults.max_depth(65);
     assert!(matches!(build(&bad, &settings), Err(Error::InvalidSetting { setting: "max_depth", .. })));
+}
+
+fn main() {
+    let mut trials: Vec<Trial> = vec![
+        support::trial("every_tree_keeps_the_invariants", every_tree_keeps_the_invariants),
+        support::trial("every_walk_gives_what_brute_force_gives", every_walk_gives_what_brute_force_gives),
+        support::trial("both_walks_test_the_same_triangles", both_walks_test_the_same_triangles),
+        support::trial(
+            "the_tree_is_the_same_on_one_thread_and_on_many",
+            the_tree_is_the_same_on_one_thread_and_on_many,
+        ),
+        support::trial("memory_is_bounded_and_the_answers_stay", memory_is_bounded_and_the_answers_stay),
+        support::trial("bad_meshes_and_settings_are_errors", bad_meshes_and_settings_are_errors),
+    ];
+    trials.extend(on_gpu::trials());
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

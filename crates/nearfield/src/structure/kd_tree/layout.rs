@@ -68,7 +68,9 @@ pub struct KdLeaf {
     /// The node behind each face: x smallest, x largest, y smallest …; [`NO_NODE`] on the border of the tree.
     pub ropes: [u32; 6],
     /// Unused.
-    pub padding: [u32; 2],
+    pub padding_0: u32,
+    /// Unused.
+    pub padding_1: u32,
 }
 
 impl KdLeaf {

@@ -23,8 +23,12 @@ mod build;
 mod clip;
 mod cost;
 mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod layout;
 mod ropes;
+#[cfg(feature = "gpu")]
+mod rounds;
 mod settings;
 mod split_binned;
 mod split_events;
@@ -36,5 +40,7 @@ mod walk_ropes;
 mod walk_stack;
 
 pub use cpu::{KdStats, KdTree};
+#[cfg(feature = "gpu")]
+pub use gpu::{GpuKdTree, KdRoot};
 pub use layout::{KdLeaf, KdNode, NO_NODE};
 pub use settings::{KdBuild, KdTraversal, KdTreeSettings};
