@@ -48,11 +48,12 @@ pub use query::{
 };
 pub use structure::{
     AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BruteForceMesh, BuildOrder, CellState,
-    DenseOctree, DenseOctreeSettings, GridSettings, LinearOctree, MovingPoints, OctreeNode, OctreeSettings,
-    PreparedTriangles, RayWork, RebuildPolicy, TreeSearch, UniformGrid, UpdateAction, UpdateReason, UpdateReport,
+    DenseOctree, DenseOctreeSettings, GridSettings, KdBuild, KdStats, KdTraversal, KdTree, KdTreeSettings,
+    LinearOctree, MovingPoints, OctreeNode, OctreeSettings, PreparedTriangles, RayWork, RebuildPolicy, TreeSearch,
+    UniformGrid, UpdateAction, UpdateReason, UpdateReport,
 };
 #[cfg(feature = "gpu")]
 pub use structure::{
-    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuBruteForceMesh, GpuDenseOctree, GpuLinearOctree, GpuMovingPoints,
-    GpuUniformGrid,
+    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuBruteForceMesh, GpuDenseOctree, GpuKdTree, GpuLinearOctree,
+    GpuMovingPoints, GpuUniformGrid,
 };
