@@ -47,9 +47,10 @@ pub use query::{
     StructureChoice, Visitor,
 };
 pub use structure::{
-    AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BruteForceMesh, BuildOrder, CellState,
-    DenseOctree, DenseOctreeSettings, GridSettings, LinearOctree, MovingPoints, OctreeNode, OctreeSettings,
-    PreparedTriangles, RayWork, RebuildPolicy, TreeSearch, UniformGrid, UpdateAction, UpdateReason, UpdateReport,
+    AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BruteForceMesh, BuildOrder, BvhSettings,
+    CellState, DenseOctree, DenseOctreeSettings, GridSettings, LinearOctree, MovingPoints, OctreeNode, OctreeSettings,
+    PreparedTriangles, RayWork, RebuildPolicy, TreeSearch, TriangleBvh, UniformGrid, UpdateAction, UpdateReason,
+    UpdateReport,
 };
 #[cfg(feature = "gpu")]
 pub use structure::{

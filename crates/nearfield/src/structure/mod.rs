@@ -20,6 +20,7 @@ pub mod moving_points;
 mod on_gpu;
 mod packing;
 mod ray_structure;
+pub mod triangle_bvh;
 pub mod uniform_grid;
 
 pub use aabb_tree::{
@@ -44,6 +45,7 @@ pub(crate) use on_gpu::device_points;
 #[cfg(feature = "gpu")]
 pub use on_gpu::{DevicePoint, Effort, GpuStructure};
 pub use ray_structure::{CountRayWork, HitVisitor, PreparedTriangles, RayStructure, RayWork};
+pub use triangle_bvh::{BvhSettings, TriangleBvh};
 #[cfg(feature = "gpu")]
 pub use uniform_grid::{GpuUniformGrid, GridBuilder};
 pub use uniform_grid::{GridSettings, UniformGrid};
