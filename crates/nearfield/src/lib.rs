@@ -55,5 +55,5 @@ pub use structure::{
 #[cfg(feature = "gpu")]
 pub use structure::{
     GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuBruteForceMesh, GpuDenseOctree, GpuLinearOctree, GpuMovingPoints,
-    GpuUniformGrid,
+    GpuTriangleBvh, GpuUniformGrid,
 };

@@ -4,18 +4,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
 use std::sync::OnceLock;
 
-use nearfield::{HitRecord, Ray, RayWork, Vec3};
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
+use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
-use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
 use nearfield::structure::Scalar;
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout, any_dimension};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
+use nearfield::structure::triangle_bvh::CompressedNode;
 use nearfield::structure::uniform_grid::GridLayout;
+use nearfield::{HitRecord, Ray, RayWork, Vec3};
 
 /// Module paths that kernels fill: with a structure's traversal, and with a visitor.
 const TRAVERSAL: &str = "package::structure::selected";
@@ -368,7 +369,9 @@ fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ("HitRecord", layout_of!(HitRecord { triangle, t, weights })),
         ("RayWork", layout_of!(RayWork { triangle_tests, node_visits, leaf_visits, rope_steps })),
     ];
-    let nodes = [("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node)];
+    let compressed =
+        layout_of!(CompressedNode { origin, steps, first_node, first_triangle, meta, low_xy, low_z_high_x, high_yz });
+    let nodes = [("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node), ("CompressedNode", compressed)];
     BTreeMap::from_iter(nodes.into_iter().chain(rays).chain([("Asked", asked), ("HitN", hit)]))
 }
 

@@ -49,6 +49,8 @@ pub use on_gpu::{DevicePoint, Effort, GpuStructure};
 #[cfg(feature = "gpu")]
 pub use on_gpu_rays::GpuRayStructure;
 pub use ray_structure::{CountRayWork, HitVisitor, PreparedTriangles, RayStructure, RayWork};
+#[cfg(feature = "gpu")]
+pub use triangle_bvh::GpuTriangleBvh;
 pub use triangle_bvh::{BvhSettings, TriangleBvh};
 #[cfg(feature = "gpu")]
 pub use uniform_grid::{GpuUniformGrid, GridBuilder};

@@ -20,7 +20,11 @@
 
 mod build;
 mod collapse;
+#[cfg(feature = "gpu")]
+mod compress;
 mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod layout;
 mod refit;
 mod settings;
@@ -31,7 +35,11 @@ mod validate;
 mod walk;
 mod walk_simd;
 
+#[cfg(feature = "gpu")]
+pub use compress::CompressedNode;
 pub use cpu::TriangleBvh;
+#[cfg(feature = "gpu")]
+pub use gpu::GpuTriangleBvh;
 pub use settings::BvhSettings;
 
 /// Levels of the binary tree that are split by surface area; deeper ones are halved.

@@ -274,3 +274,21 @@ fn a_broken_tree_is_found_out() {
     assert!(broken(&|bvh| bvh.nodes[0].children[1] = bvh.nodes[0].children[0]).is_some());
     assert_eq!(broken(&|bvh| bvh.depth = 1), Some('4'));
 }
+
+#[cfg(feature = "gpu")]
+#[test]
+fn compressed_boxes_hold_what_is_below_them() {
+    use super::collapse::LeafCost;
+    use super::{compress, cpu};
+    for (name, mesh) in cases() {
+        let triangles = crate::structure::PreparedTriangles::new(&mesh).unwrap();
+        let cost = LeafCost { most: compress::LEAF, entry: 0.0, triangle: 0.3 };
+        let wide = cpu::wide_tree(&triangles, &BvhSettings::DEFAULT, &cost, &mut vec![]);
+        let mut compressed = compress::compress(wide, &triangles);
+        assert_eq!(compressed.broken_invariant(&triangles), None, "{name}");
+        if compressed.triangles.len() > 100 {
+            compressed.nodes[0].origin[1] += 1e-2 * mesh.bounds().diagonal();
+            assert!(compressed.broken_invariant(&triangles).is_some_and(|words| words.starts_with('5')), "{name}");
+        }
+    }
+}
