@@ -43,8 +43,8 @@ pub use query::{
 };
 #[cfg(feature = "gpu")]
 pub use query::{
-    ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, SearchOnDevice,
-    StructureChoice, Visitor,
+    ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, RaysOnDevice,
+    SearchOnDevice, StructureChoice, Visitor,
 };
 pub use structure::{
     AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BruteForceMesh, BuildOrder, CellState,
@@ -53,5 +53,6 @@ pub use structure::{
 };
 #[cfg(feature = "gpu")]
 pub use structure::{
-    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuMovingPoints, GpuUniformGrid,
+    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuBruteForceMesh, GpuDenseOctree, GpuLinearOctree, GpuMovingPoints,
+    GpuUniformGrid,
 };

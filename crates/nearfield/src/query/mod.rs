@@ -44,6 +44,11 @@ pub use gpu::{ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbor
 pub use index::{Index, IndexSettings};
 pub use knn::{Knn, KnnSearch, NearestNeighbors};
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
+#[cfg(feature = "gpu")]
+pub use ray_cast::RaysOnDevice;
 pub use ray_cast::{HitCounts, HitLists, HitRecord, Hits, Occlusion, RayHit, RaySearch};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use ray_cast::{RayBatch, SortBatch};
 pub use report::{Clock, Report, Stage};
 pub use search::NeighborSearch;

@@ -18,6 +18,8 @@ pub mod linear_octree;
 pub mod moving_points;
 #[cfg(feature = "gpu")]
 mod on_gpu;
+#[cfg(feature = "gpu")]
+mod on_gpu_rays;
 mod packing;
 mod ray_structure;
 pub mod uniform_grid;
@@ -27,9 +29,9 @@ pub use aabb_tree::{
 };
 #[cfg(feature = "gpu")]
 pub use aabb_tree::{AabbTreeBuilder, GpuAabbTree, GpuAabbTreeN};
-#[cfg(feature = "gpu")]
-pub use brute_force::GpuBruteForce;
 pub use brute_force::{BruteForce, BruteForceMesh};
+#[cfg(feature = "gpu")]
+pub use brute_force::{GpuBruteForce, GpuBruteForceMesh};
 #[cfg(feature = "gpu")]
 pub use dense_octree::GpuDenseOctree;
 pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};
@@ -43,6 +45,8 @@ pub use moving_points::{MovingPoints, RebuildPolicy, UpdateAction, UpdateReason,
 pub(crate) use on_gpu::device_points;
 #[cfg(feature = "gpu")]
 pub use on_gpu::{DevicePoint, Effort, GpuStructure};
+#[cfg(feature = "gpu")]
+pub use on_gpu_rays::GpuRayStructure;
 pub use ray_structure::{CountRayWork, HitVisitor, PreparedTriangles, RayStructure, RayWork};
 #[cfg(feature = "gpu")]
 pub use uniform_grid::{GpuUniformGrid, GridBuilder};

@@ -76,7 +76,9 @@ fn count<S: RayStructure>(structure: &S, ray: &PreparedRay) -> u32 {
 /// Fills `found` with the hits of a ray in order.
 fn all<S: RayStructure>(structure: &S, ray: &PreparedRay, found: &mut Vec<LocalHit>) {
     structure.walk(ray, &mut All::new(ray, found), &mut ());
-    found.sort_unstable_by(|a, b| a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle)));
+    // By the caller's t, as rows are sorted everywhere.
+    let t = |hit: &LocalHit| ray.caller_t(hit.t);
+    found.sort_unstable_by(|a, b| t(a).total_cmp(&t(b)).then(a.triangle.cmp(&b.triangle)));
 }
 
 fn record_of(hit: &LocalHit, ray: &PreparedRay) -> HitRecord {

@@ -9,10 +9,22 @@
 //! a triangle without an area is never hit.
 
 mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod hits;
+#[cfg(feature = "gpu")]
+mod on_device;
 mod visitors;
 
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::SortBatch;
 pub use hits::{HitCounts, HitLists, HitRecord, Hits, Occlusion, RayHit};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use on_device::RayBatch;
+#[cfg(feature = "gpu")]
+pub use on_device::RaysOnDevice;
 
 use crate::Result;
 use crate::geometry::Ray;

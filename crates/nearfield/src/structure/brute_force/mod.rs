@@ -8,11 +8,15 @@
 mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
+#[cfg(feature = "gpu")]
+mod gpu_mesh;
 mod mesh;
 
 pub use cpu::BruteForce;
 #[cfg(feature = "gpu")]
 pub use gpu::{BruteForceLayout, GpuBruteForce};
+#[cfg(feature = "gpu")]
+pub use gpu_mesh::{GpuBruteForceMesh, TriangleList};
 pub use mesh::BruteForceMesh;
 
 /// Points of a pack: queries that share one set of spans. Here the span is always everything.
