@@ -4,18 +4,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
 use std::sync::OnceLock;
 
-use nearfield::{HitRecord, Ray, RayWork, Vec3};
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
+use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
-use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
 use nearfield::structure::Scalar;
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout, any_dimension};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
 use nearfield::structure::uniform_grid::GridLayout;
+use nearfield::{HitRecord, Ray, RayWork, Vec3};
 
 /// Module paths that kernels fill: with a structure's traversal, and with a visitor.
 const TRAVERSAL: &str = "package::structure::selected";

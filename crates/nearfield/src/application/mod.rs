@@ -9,3 +9,5 @@ pub use path_trace::{
     Camera, Environment, EnvironmentImage, Film, Material, PathCounters, PathSettings, PathTracer, PointLight, Scene,
     Surface,
 };
+#[cfg(feature = "io")]
+pub use path_trace::{parse_scene, read_scene};

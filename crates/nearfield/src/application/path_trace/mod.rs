@@ -30,6 +30,8 @@ mod light;
 mod material;
 mod sampling;
 mod scene;
+#[cfg(feature = "io")]
+mod scene_file;
 mod shade;
 mod tables;
 
@@ -39,6 +41,8 @@ pub use film::Film;
 pub use light::{Environment, EnvironmentImage, PointLight};
 pub use material::{Material, Surface};
 pub use scene::Scene;
+#[cfg(feature = "io")]
+pub use scene_file::{parse_scene, read_scene};
 
 use crate::{Error, Result};
 

@@ -27,7 +27,7 @@ pub struct Scene {
 }
 
 /// Angle of view of the cameras that are placed here, in degrees: that of the Cornell box.
-const FIELD_OF_VIEW: f32 = 39.307_65;
+pub(super) const FIELD_OF_VIEW: f32 = 39.307_65;
 
 impl Scene {
     /// A mesh of one material in white light from everywhere, seen whole along −z.
