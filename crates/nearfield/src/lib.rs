@@ -28,6 +28,8 @@ pub mod parallel;
 pub mod query;
 pub mod structure;
 
+#[cfg(feature = "gpu")]
+pub use application::GpuPathTracer;
 pub use application::{Camera, Environment, Film, Material, Partition, PathSettings, PathTracer, Scene, Surface};
 pub use curve::{Curve, Domain, Octant};
 pub use error::{Error, Result};

@@ -9,5 +9,7 @@ pub use path_trace::{
     Camera, Environment, EnvironmentImage, Film, Material, PathCounters, PathSettings, PathTracer, PointLight, Scene,
     Surface,
 };
+#[cfg(feature = "gpu")]
+pub use path_trace::{GpuPathTracer, SceneLayout};
 #[cfg(feature = "io")]
 pub use path_trace::{parse_scene, read_scene};

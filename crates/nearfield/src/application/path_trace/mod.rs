@@ -26,6 +26,10 @@ mod camera;
 mod cpu;
 mod film;
 mod generate;
+#[cfg(feature = "gpu")]
+mod gpu;
+#[cfg(feature = "gpu")]
+mod gpu_tables;
 mod light;
 mod material;
 mod sampling;
@@ -38,6 +42,10 @@ mod tables;
 pub use camera::Camera;
 pub use cpu::PathTracer;
 pub use film::Film;
+#[cfg(feature = "gpu")]
+pub use gpu::GpuPathTracer;
+#[cfg(feature = "gpu")]
+pub use gpu_tables::SceneLayout;
 pub use light::{Environment, EnvironmentImage, PointLight};
 pub use material::{Material, Surface};
 pub use scene::Scene;

@@ -164,7 +164,7 @@ fn value<'a>(line: u64, rest: &mut impl Iterator<Item = &'a [u8]>) -> Result<f32
 /// Three numbers, or one for all three.
 fn color<'a>(line: u64, rest: &mut impl Iterator<Item = &'a [u8]>) -> Result<Vec3> {
     let values: Vec<&[u8]> = rest.take(3).collect();
-    let mut channel = |i: usize| value(line, &mut std::iter::once(values[i]));
+    let channel = |i: usize| value(line, &mut std::iter::once(values[i]));
     match values.len() {
         1 => channel(0).map(Vec3::splat),
         3 => Ok(Vec3::new(channel(0)?, channel(1)?, channel(2)?)),

@@ -152,7 +152,7 @@ pub fn parse_scene(text: &str, folder: &Path, width: u32, height: u32) -> Result
         .collect();
     let is_lit =
         entries.room || !lights.is_empty() || material_of.iter().any(|&i| materials[i as usize].emission != Vec3::ZERO);
-    let environment = match entries.environment {
+    let environment = match &entries.environment {
         Some(environment) => Environment::Constant(Vec3::from_array(environment.radiance)),
         None if is_lit => Environment::NONE,
         None => Environment::Constant(Vec3::ONE),
