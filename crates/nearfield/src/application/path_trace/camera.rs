@@ -73,17 +73,23 @@ impl Camera {
 /// The camera as the stages read it: where it stands, and the steps to the edges of the picture. 64 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct CameraFrame {
-    pub(super) position: Vec3,
-    pub(super) padding_0: u32,
-    pub(super) forward: Vec3,
-    pub(super) padding_1: u32,
+pub struct CameraFrame {
+    /// Where it stands.
+    pub position: Vec3,
+    /// Unused.
+    pub padding_0: u32,
+    /// Unit direction of the view.
+    pub forward: Vec3,
+    /// Unused.
+    pub padding_1: u32,
     /// From the middle to the right edge.
-    pub(super) right: Vec3,
-    pub(super) padding_2: u32,
+    pub right: Vec3,
+    /// Unused.
+    pub padding_2: u32,
     /// From the middle to the upper edge.
-    pub(super) up: Vec3,
-    pub(super) padding_3: u32,
+    pub up: Vec3,
+    /// Unused.
+    pub padding_3: u32,
 }
 
 impl CameraFrame {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::camera::CameraFrame;
 use super::film::Film;
-use super::generate::{Parameters, Path, generate};
+use super::generate::{PathParameters, PathState, generate};
 use super::scene::Scene;
 use super::shade::{Shaded, shade};
 use super::tables::SceneTables;
@@ -83,7 +83,7 @@ impl<'a> PathTracer<'a> {
         let mut radiance = vec![Vec3::ZERO; pixels];
         for (tile, sums) in radiance.chunks_mut(TILE).enumerate() {
             let first_pixel = (tile * TILE) as u32;
-            let parameters = Parameters { first_pixel, n_paths: sums.len() as u32, ..parameters };
+            let parameters = PathParameters { first_pixel, n_paths: sums.len() as u32, ..parameters };
             self.trace_tile(parameters, sums, &mut counters)?;
         }
         film.accumulate(0, &radiance);
@@ -94,8 +94,8 @@ impl<'a> PathTracer<'a> {
     }
 
     /// The stages, one after the other, over all paths of a tile.
-    fn trace_tile(&self, mut parameters: Parameters, sums: &mut [Vec3], counters: &mut PathCounters) -> Result<()> {
-        let mut paths: Vec<Path> = Vec::with_capacity(sums.len());
+    fn trace_tile(&self, mut parameters: PathParameters, sums: &mut [Vec3], counters: &mut PathCounters) -> Result<()> {
+        let mut paths: Vec<PathState> = Vec::with_capacity(sums.len());
         let mut rays: Vec<Ray> = Vec::with_capacity(sums.len());
         let mut shaded: Vec<Shaded> = Vec::with_capacity(sums.len());
         (0..sums.len() as u32)
@@ -106,7 +106,7 @@ impl<'a> PathTracer<'a> {
         counters.paths += paths.len() as u64;
         for depth in 0..=self.settings.depth {
             parameters.depth = depth;
-            paths.par_iter().with_min_len(CHUNK).map(Path::ray).collect_into_vec(&mut rays);
+            paths.par_iter().with_min_len(CHUNK).map(PathState::ray).collect_into_vec(&mut rays);
             let hits = self.search.closest_hits(&rays)?;
             counters.rays += rays.len() as u64;
 
@@ -124,7 +124,7 @@ impl<'a> PathTracer<'a> {
             add_light(&shaded, occlusion.as_slice(), sums);
 
             paths.clear();
-            paths.extend(shaded.iter().map(|s| s.path).filter(Path::is_alive));
+            paths.extend(shaded.iter().map(|s| s.path).filter(PathState::is_alive));
             if paths.is_empty() {
                 break;
             }
@@ -146,7 +146,7 @@ fn add_light(shaded: &[Shaded], occluded: &[u32], sums: &mut [Vec3]) {
 }
 
 /// What all paths of the next pass share.
-pub(super) fn pass_parameters(scene: &Scene, settings: &PathSettings, film: &Film) -> Result<Parameters> {
+pub(super) fn pass_parameters(scene: &Scene, settings: &PathSettings, film: &Film) -> Result<PathParameters> {
     if film.samples() == u32::MAX {
         return Err(Error::TooMany {
             what: "samples a pixel",
@@ -155,7 +155,7 @@ pub(super) fn pass_parameters(scene: &Scene, settings: &PathSettings, film: &Fil
             advice: "begin a new film",
         });
     }
-    Ok(Parameters {
+    Ok(PathParameters {
         camera: CameraFrame::new(&scene.camera, film.width(), film.height()),
         width: film.width(),
         height: film.height(),

@@ -10,46 +10,52 @@ use crate::geometry::Ray;
 /// What all paths of a dispatch share: 128 bytes, the same on CPU and GPU.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Parameters {
-    pub(super) camera: CameraFrame,
-    pub(super) width: u32,
-    pub(super) height: u32,
+pub struct PathParameters {
+    /// The camera.
+    pub camera: CameraFrame,
+    /// Columns of the picture.
+    pub width: u32,
+    /// Rows of the picture.
+    pub height: u32,
     /// The first pixel of the tile, row by row from the upper left.
-    pub(super) first_pixel: u32,
+    pub first_pixel: u32,
     /// Pixels in the tile.
-    pub(super) n_paths: u32,
-    pub(super) sample: u32,
-    pub(super) seed: u32,
+    pub n_paths: u32,
+    /// Number of the sample.
+    pub sample: u32,
+    /// The picture's seed.
+    pub seed: u32,
     /// Times that the paths have been scattered.
-    pub(super) depth: u32,
+    pub depth: u32,
     /// Times that a path is scattered at most.
-    pub(super) most_depth: u32,
+    pub most_depth: u32,
     /// From how many times on paths may end by chance.
-    pub(super) roulette_depth: u32,
+    pub roulette_depth: u32,
     /// 1 where lights are sampled.
-    pub(super) next_event: u32,
-    pub(super) padding: [u32; 6],
+    pub next_event: u32,
+    /// Unused.
+    pub padding: [u32; 6],
 }
 
 /// A path under way: 48 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Path {
+pub struct PathState {
     /// Where the ray starts.
-    pub(super) origin: Vec3,
+    pub origin: Vec3,
     /// Its place in the tile.
-    pub(super) slot: u32,
+    pub slot: u32,
     /// Unit direction of the ray.
-    pub(super) direction: Vec3,
+    pub direction: Vec3,
     /// Density with which the direction was picked; zero where it was the only one.
-    pub(super) density: f32,
+    pub density: f32,
     /// What a radiance that comes in along the ray is multiplied by; zero where the path has ended.
-    pub(super) throughput: Vec3,
+    pub throughput: Vec3,
     /// Square of the refractive index around the ray over that around the camera.
-    pub(super) eta_scale: f32,
+    pub eta_scale: f32,
 }
 
-impl Path {
+impl PathState {
     /// Whether it goes on.
     pub(super) fn is_alive(&self) -> bool {
         self.throughput != Vec3::ZERO
@@ -65,18 +71,18 @@ impl Path {
 pub(super) const PAIRS_A_DEPTH: u32 = 4;
 
 /// The seed of one pair of dimensions of a path.
-pub(super) fn pair_seed(parameters: &Parameters, slot: u32, dimension: u32) -> u32 {
+pub(super) fn pair_seed(parameters: &PathParameters, slot: u32, dimension: u32) -> u32 {
     combined(combined(parameters.seed, parameters.first_pixel + slot), dimension)
 }
 
 /// The ray through a place in the pixel of `slot`.
-pub(super) fn generate(parameters: &Parameters, slot: u32) -> Path {
+pub(super) fn generate(parameters: &PathParameters, slot: u32) -> PathState {
     let pixel = parameters.first_pixel + slot;
     let (column, row) = (pixel % parameters.width, pixel / parameters.width);
     let [u, v] = unit_pair(pair_seed(parameters, slot, 0), parameters.sample);
     let x = (column as f32 + u) / parameters.width as f32;
     let y = (row as f32 + v) / parameters.height as f32;
-    Path {
+    PathState {
         origin: parameters.camera.position,
         slot,
         direction: parameters.camera.direction(x, y),

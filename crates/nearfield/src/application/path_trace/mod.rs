@@ -39,9 +39,10 @@ mod scene_file;
 mod shade;
 mod tables;
 
-pub use camera::Camera;
+pub use camera::{Camera, CameraFrame};
 pub use cpu::PathTracer;
 pub use film::Film;
+pub use generate::{PathParameters, PathState};
 #[cfg(feature = "gpu")]
 pub use gpu::GpuPathTracer;
 #[cfg(feature = "gpu")]

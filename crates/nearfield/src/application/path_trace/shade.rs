@@ -7,7 +7,7 @@
 use glam::Vec3;
 
 use super::bsdf::{evaluate, sample};
-use super::generate::{PAIRS_A_DEPTH, Parameters, Path, pair_seed};
+use super::generate::{PAIRS_A_DEPTH, PathParameters, PathState, pair_seed};
 use super::light::{choice_of, environment, sample_light};
 use super::sampling::{frame, largest, pair, power_weight, unit, unit_pair};
 use super::tables::SceneTables;
@@ -18,7 +18,7 @@ use crate::query::HitRecord;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Shaded {
     /// The path on its next ray, or ended.
-    pub(super) path: Path,
+    pub(super) path: PathState,
     /// Light that the ray met.
     pub(super) found: Vec3,
     /// Light that arrives where nothing is hit along `shadow`; zero where there is nothing to ask.
@@ -28,8 +28,8 @@ pub(super) struct Shaded {
 }
 
 /// Shades what the ray of a path hit, or missed.
-pub(super) fn shade(tables: &SceneTables, parameters: &Parameters, path: &Path, hit: &HitRecord) -> Shaded {
-    let ended = Path { throughput: Vec3::ZERO, ..*path };
+pub(super) fn shade(tables: &SceneTables, parameters: &PathParameters, path: &PathState, hit: &HitRecord) -> Shaded {
+    let ended = PathState { throughput: Vec3::ZERO, ..*path };
     let mut shaded = Shaded { path: ended, found: Vec3::ZERO, asked: Vec3::ZERO, shadow: path.ray() };
     if !hit.is_hit() {
         let (radiance, density) = environment(&tables.lights, path.direction);
@@ -82,7 +82,7 @@ pub(super) fn shade(tables: &SceneTables, parameters: &Parameters, path: &Path, 
 
     let sampled = sample(&here, wo, scatterer, unit_pair(seed(3), parameters.sample));
     let wi = sampled.direction;
-    let mut next = Path {
+    let mut next = PathState {
         origin: if wi.z < 0.0 { place - clear } else { place + clear },
         slot: path.slot,
         direction: (tangent * wi.x + bitangent * wi.y + normal * wi.z).normalize(),
@@ -103,6 +103,6 @@ pub(super) fn shade(tables: &SceneTables, parameters: &Parameters, path: &Path, 
 }
 
 /// The weight of light that a ray met, which a light sample picks with `density`.
-fn found_weight(parameters: &Parameters, path: &Path, density: f32) -> f32 {
+fn found_weight(parameters: &PathParameters, path: &PathState, density: f32) -> f32 {
     if parameters.next_event == 0 || path.density == 0.0 { 1.0 } else { power_weight(path.density, density) }
 }

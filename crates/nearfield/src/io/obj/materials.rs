@@ -179,7 +179,7 @@ fn color<'a>(line: u64, rest: &mut impl Iterator<Item = &'a [u8]>) -> Result<Vec
 mod tests {
     use super::*;
 
-    const MTL: &str = "# lamp and glass\nnewmtl warm lamp\nKd 0.5 0.25 1\nKe 3\nillum 1\n\nnewmtl glass\nNi 1.5\nTr 0.75\nNs 250\nks 1 1 1\nmap_Kd x.png\n";
+    const MTL: &str = "# lamp and glass\nnewmtl warm lamp\nKd 0.5 0.25 1\nKe 3 3 3\nillum 1\n\nnewmtl glass\nNi 1.5\nTr 0.75\nNs 250\nks 1 1 1\nmap_Kd x.png\n";
 
     #[test]
     fn materials_are_read_and_agree_with_another_reader() {
@@ -200,6 +200,7 @@ mod tests {
 
     #[test]
     fn malformed_lines_are_named() {
+        assert_eq!(parse_mtl(b"newmtl a\nKe 2\n").unwrap()[0].emission, Vec3::splat(2.0));
         for (text, words) in [
             ("Kd 1 1 1\n", ["MTL", ":1", "newmtl"]),
             ("newmtl a\nKd 1 1\n", ["MTL", ":2", "2 numbers"]),
