@@ -48,12 +48,12 @@ pub use query::{
 };
 pub use structure::{
     AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BruteForceMesh, BuildOrder, BvhSettings,
-    CellState, DenseOctree, DenseOctreeSettings, GridSettings, LinearOctree, MovingPoints, OctreeNode, OctreeSettings,
-    PreparedTriangles, RayWork, RebuildPolicy, TreeSearch, TriangleBvh, UniformGrid, UpdateAction, UpdateReason,
-    UpdateReport,
+    CellState, DenseOctree, DenseOctreeSettings, GridSettings, KdBuild, KdStats, KdTraversal, KdTree, KdTreeSettings,
+    LinearOctree, MovingPoints, OctreeNode, OctreeSettings, PreparedTriangles, RayWork, RebuildPolicy, TreeSearch,
+    TriangleBvh, UniformGrid, UpdateAction, UpdateReason, UpdateReport,
 };
 #[cfg(feature = "gpu")]
 pub use structure::{
-    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuBruteForceMesh, GpuDenseOctree, GpuLinearOctree, GpuMovingPoints,
-    GpuTriangleBvh, GpuUniformGrid,
+    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuBruteForceMesh, GpuDenseOctree, GpuKdTree, GpuLinearOctree,
+    GpuMovingPoints, GpuTriangleBvh, GpuUniformGrid,
 };

@@ -13,6 +13,7 @@ use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, 
 use nearfield::structure::Scalar;
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout, any_dimension};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
+use nearfield::structure::kd_tree::{KdLeaf, KdNode, KdRoot};
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
 use nearfield::structure::triangle_bvh::CompressedNode;
 use nearfield::structure::uniform_grid::GridLayout;
@@ -343,6 +344,7 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         ("RayBatch", with_single_words(layout_of!(RayBatch { count, padding }))),
         ("SortBatch", with_single_words(layout_of!(SortBatch { count, padding }))),
         ("RaySpace", layout_of!(RaySpace { min, reach, max, margin })),
+        ("KdRoot", layout_of!(KdRoot { low, padding_0, high, padding_1 })),
         ("TriangleList", layout_of!(TriangleList { low, n_triangles, high, only_within_box })),
         ("Sweep", sweep),
         ("Domain", domain()),
@@ -366,6 +368,8 @@ fn stored_twins() -> BTreeMap<&'static str, Layout> {
     let rays = [
         ("Ray", layout_of!(Ray { origin, t_min, direction, t_max })),
         ("PreparedTriangle", layout_of!(PreparedTriangle { low, index, middle, corners, high, padding })),
+        ("KdNode", layout_of!(KdNode { split, link })),
+        ("KdLeaf", layout_of!(KdLeaf { min, first, max, count, ropes, padding_0, padding_1 })),
         ("HitRecord", layout_of!(HitRecord { triangle, t, weights })),
         ("RayWork", layout_of!(RayWork { triangle_tests, node_visits, leaf_visits, rope_steps })),
     ];

@@ -14,6 +14,7 @@ use crate::geometry::{Aabb, OrderedPoints, Period};
 pub mod aabb_tree;
 pub mod brute_force;
 pub mod dense_octree;
+pub mod kd_tree;
 pub mod linear_octree;
 pub mod moving_points;
 #[cfg(feature = "gpu")]
@@ -36,6 +37,9 @@ pub use brute_force::{GpuBruteForce, GpuBruteForceMesh};
 #[cfg(feature = "gpu")]
 pub use dense_octree::GpuDenseOctree;
 pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};
+#[cfg(feature = "gpu")]
+pub use kd_tree::GpuKdTree;
+pub use kd_tree::{KdBuild, KdStats, KdTraversal, KdTree, KdTreeSettings};
 pub use linear_octree::{Contact, LeafNeighbors, LinearOctree, OctreeNode, OctreeSettings};
 #[cfg(feature = "gpu")]
 pub use linear_octree::{GpuLeafNeighbors, GpuLinearOctree, OctreeBuilder};
