@@ -104,6 +104,11 @@ impl Metric {
         ["triangle tests", "node visits", "leaf visits", "rope steps"][self as usize]
     }
 
+    /// A name that fits above the colour bar.
+    pub(crate) fn short(self) -> &'static str {
+        ["tests", "node visits", "leaf visits", "rope steps"][self as usize]
+    }
+
     fn of(self, work: &RayWork) -> u32 {
         [work.triangle_tests, work.node_visits, work.leaf_visits, work.rope_steps][self as usize]
     }
@@ -175,9 +180,7 @@ pub(crate) fn run(args: &HeatmapArgs, common: &Common) -> Result<(), Failure> {
     let cast = Cast::all(&built, &rays, mesh.triangles.len(), &progress).map_err(Failure::Search)?;
     times.query = cast.milliseconds;
     progress.step("counting");
-    let summaries = Metric::ALL.map(|metric| {
-        Summary::of(cast.work.iter().map(|work| metric.of(work)).collect())
-    });
+    let summaries = Metric::ALL.map(|metric| Summary::of(cast.work.iter().map(|work| metric.of(work)).collect()));
     let mut map = Heatmap {
         name: file_name(&args.input),
         triangles: mesh.triangles.len() as u64,

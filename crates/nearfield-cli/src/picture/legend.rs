@@ -77,7 +77,14 @@ impl Scale {
         }
         let middle = sorted[sorted.len() / 2];
         let logarithmic = ((middle - low) as f32) < SKEWED * (high - low) as f32;
-        Self { low: low as f32, high: high as f32, clipped: [min < low, max > high], logarithmic, whole: true, colors: COLORS }
+        Self {
+            low: low as f32,
+            high: high as f32,
+            clipped: [min < low, max > high],
+            logarithmic,
+            whole: true,
+            colors: COLORS,
+        }
     }
 
     /// As [`Scale::of`], over lengths; infinite ones do not count.
@@ -228,7 +235,8 @@ mod tests {
         let mut values: Vec<u32> = (0..1000).map(|i| 10 + i % 20).collect();
         values.push(100_000);
         let scale = Scale::of(&values);
-        assert_eq!(scale, Scale { low: 10.0, high: 29.0, clipped: [false, true], logarithmic: false, whole: true });
+        let (clipped, colors) = ([false, true], Colors::Perceptual);
+        assert_eq!(scale, Scale { low: 10.0, high: 29.0, clipped, logarithmic: false, whole: true, colors });
         assert_eq!(ticks(&scale).last().unwrap().1, ">=29");
         assert_eq!(scale.color(100_000), scale.color(29));
     }
