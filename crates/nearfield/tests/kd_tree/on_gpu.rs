@@ -126,32 +126,34 @@ fn own_kernel(gpu: &Gpu) {
         accesses.push(access);
         binds.push(bind);
     }
-    let mut features = tree.features();
-    features.push(("count_work", false));
-    let kernel = Kernel {
-        fills: &[
-            ("package::user::thickness", Fill::Caller(THICKNESS)),
-            ("package::structure::hit_visitor", Fill::Caller(SUM_OF_HITS)),
-        ],
-        features: &features,
-        ..Kernel::new("package::user::thickness", "measure", &accesses, 64)
-    };
-    let pipeline = gpu.pipeline(&kernel).unwrap();
-    let mut commands = gpu.commands("thickness");
-    commands.stage("measure");
-    commands.dispatch(&pipeline, &binds, Workgroups::Covering(rays.len() as u64));
-    commands.run().unwrap();
+    // Both forms of the walk, whichever the device needs; `tree.features()` names that one.
+    for short_loops in [false, true] {
+        let features = [("short_loops", short_loops), ("count_work", false)];
+        let kernel = Kernel {
+            fills: &[
+                ("package::user::thickness", Fill::Caller(THICKNESS)),
+                ("package::structure::hit_visitor", Fill::Caller(SUM_OF_HITS)),
+            ],
+            features: &features,
+            ..Kernel::new("package::user::thickness", "measure", &accesses, 64)
+        };
+        let pipeline = gpu.pipeline(&kernel).unwrap();
+        let mut commands = gpu.commands("thickness");
+        commands.stage("measure");
+        commands.dispatch(&pipeline, &binds, Workgroups::Covering(rays.len() as u64));
+        commands.run().unwrap();
 
-    let found = gpu.read(&answers).unwrap();
-    let expected = on_cpu.all_hits(&rays).unwrap();
-    let mut crossed = 0;
-    for (i, &[crossings, sum]) in found.iter().enumerate() {
-        let row = expected.row(i);
-        let total: f32 = row.iter().map(|hit| hit.t).sum();
-        let size: f32 = row.iter().map(|hit| hit.t.abs()).sum();
-        assert_eq!(crossings, row.len() as f32, "ray {i} {:?}", rays[i]);
-        assert!((sum - total).abs() <= 1e-4 * (1.0 + size), "ray {i}: {sum} and {total}");
-        crossed += usize::from(!row.is_empty());
+        let found = gpu.read(&answers).unwrap();
+        let expected = on_cpu.all_hits(&rays).unwrap();
+        let mut crossed = 0;
+        for (i, &[crossings, sum]) in found.iter().enumerate() {
+            let row = expected.row(i);
+            let total: f32 = row.iter().map(|hit| hit.t).sum();
+            let size: f32 = row.iter().map(|hit| hit.t.abs()).sum();
+            assert_eq!(crossings, row.len() as f32, "ray {i} {:?}", rays[i]);
+            assert!((sum - total).abs() <= 1e-4 * (1.0 + size), "ray {i}: {sum} and {total}");
+            crossed += usize::from(!row.is_empty());
+        }
+        assert!(crossed > rays.len() / 4, "{crossed} rays cross a shell");
     }
-    assert!(crossed > rays.len() / 4, "{crossed} rays cross a shell");
 }
