@@ -81,6 +81,22 @@ pub enum Error {
         reason: &'static str,
     },
 
+    /// A ray that cannot be cast.
+    #[error("the ray{} {reason}", .index.map(|i| format!(" at index {i}")).unwrap_or_default())]
+    InvalidRay {
+        /// Its place, where there are many.
+        index: Option<u64>,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
+
+    /// A mesh without triangles where surfaces are needed.
+    #[error("the mesh has {vertices} vertices and no triangles; rays hit triangles, so give a mesh with faces")]
+    NoTriangles {
+        /// Its vertices.
+        vertices: u64,
+    },
+
     /// A setting outside its range.
     #[error("{setting} = {found} is not usable: expected {expected}")]
     InvalidSetting {

@@ -36,21 +36,24 @@ pub use glam::{DVec3, Vec3};
 #[cfg(feature = "gpu")]
 pub use gpu::{DeviceChoice, Gpu};
 pub use query::{
-    BoxSearch, Boxes, Counts, CountsN, FixedRadius, FixedRadiusN, ForEachNeighbor, Knn, KnnN, KnnSearch, ListRows,
-    Nearest, NearestN, NearestNeighbors, Neighbor, NeighborSearch, Neighbors, NeighborsN, Queries, QueriesN, Radius,
-    RadiusN, Report, RowOrder, SearchCounters, SearchWork,
+    BoxSearch, Boxes, Counts, CountsN, FixedRadius, FixedRadiusN, ForEachNeighbor, HitCounts, HitLists, HitRecord,
+    Hits, Knn, KnnN, KnnSearch, ListRows, Nearest, NearestN, NearestNeighbors, Neighbor, NeighborSearch, Neighbors,
+    NeighborsN, Occlusion, Queries, QueriesN, Radius, RadiusN, RayHit, RaySearch, Report, RowOrder, SearchCounters,
+    SearchWork,
 };
 #[cfg(feature = "gpu")]
 pub use query::{
-    ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, SearchOnDevice,
-    StructureChoice, Visitor,
+    ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, RaysOnDevice,
+    SearchOnDevice, StructureChoice, Visitor,
 };
 pub use structure::{
-    AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BuildOrder, CellState, DenseOctree,
-    DenseOctreeSettings, GridSettings, LinearOctree, MovingPoints, OctreeNode, OctreeSettings, RebuildPolicy,
-    TreeSearch, UniformGrid, UpdateAction, UpdateReason, UpdateReport,
+    AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BruteForceMesh, BuildOrder, CellState,
+    DenseOctree, DenseOctreeSettings, GridSettings, KdBuild, KdStats, KdTraversal, KdTree, KdTreeSettings,
+    LinearOctree, MovingPoints, OctreeNode, OctreeSettings, PreparedTriangles, RayWork, RebuildPolicy, TreeSearch,
+    UniformGrid, UpdateAction, UpdateReason, UpdateReport,
 };
 #[cfg(feature = "gpu")]
 pub use structure::{
-    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuDenseOctree, GpuLinearOctree, GpuMovingPoints, GpuUniformGrid,
+    GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuBruteForceMesh, GpuDenseOctree, GpuKdTree, GpuLinearOctree,
+    GpuMovingPoints, GpuUniformGrid,
 };

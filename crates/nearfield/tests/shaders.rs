@@ -4,21 +4,27 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
 use std::sync::OnceLock;
 
-use nearfield::Vec3;
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
+use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
-use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, SearchN, Sweep};
+use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
 use nearfield::structure::Scalar;
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout, any_dimension};
-use nearfield::structure::brute_force::BruteForceLayout;
+use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
+use nearfield::structure::kd_tree::{KdLeaf, KdNode, KdRoot};
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
 use nearfield::structure::uniform_grid::GridLayout;
+use nearfield::{HitRecord, Ray, RayWork, Vec3};
 
 /// Module paths that kernels fill: with a structure's traversal, and with a visitor.
 const TRAVERSAL: &str = "package::structure::selected";
 const VISITOR: &str = "package::structure::visitor";
+
+/// The same for rays: a structure's walk, and what is done with the hits.
+const TRACE: &str = "package::structure::ray_selected";
+const HIT_VISITOR: &str = "package::structure::hit_visitor";
 
 /// Condition of traversals that holds for visitors of masks, and only for them.
 const MASKS: &str = "masks";
@@ -110,6 +116,15 @@ fn closure(modules: &Modules, root: &str, fills: &[(&str, &str)]) -> BTreeSet<St
 /// Every way to fill the open paths that a module needs. Visitors of masks go with traversals that give masks.
 fn fillings(modules: &Modules, root: &str) -> Vec<Vec<(&'static str, &'static str)>> {
     let own = closure(modules, root, &[]);
+    let hit_visitors: Vec<_> = with_function(modules, "finish_ray").collect();
+    if own.contains(TRACE) {
+        let traces = with_function(modules, "trace");
+        let pairs = traces.flat_map(|t| hit_visitors.iter().map(move |&v| (t, v)));
+        return pairs.map(|(t, v)| vec![(TRACE, t), (HIT_VISITOR, v)]).collect();
+    }
+    if own.contains(HIT_VISITOR) {
+        return hit_visitors.iter().map(|&v| vec![(HIT_VISITOR, v)]).collect();
+    }
     let visitors: Vec<_> = with_function(modules, "finish").collect();
     let takes_masks = |visitor: &str| source_of(modules, visitor).contains("fn visit_mask(");
     if own.contains(TRAVERSAL) {
@@ -325,6 +340,11 @@ fn twins() -> BTreeMap<&'static str, Layout> {
         ("Batch", batch),
         ("KnnRun", with_single_words(run)),
         ("KnnBatch", with_single_words(knn)),
+        ("RayBatch", with_single_words(layout_of!(RayBatch { count, padding }))),
+        ("SortBatch", with_single_words(layout_of!(SortBatch { count, padding }))),
+        ("RaySpace", layout_of!(RaySpace { min, reach, max, margin })),
+        ("KdRoot", layout_of!(KdRoot { low, padding_0, high, padding_1 })),
+        ("TriangleList", layout_of!(TriangleList { low, n_triangles, high, only_within_box })),
         ("Sweep", sweep),
         ("Domain", domain()),
     ])
@@ -344,8 +364,16 @@ fn stored_twins() -> BTreeMap<&'static str, Layout> {
     let summary = layout_of!(OctreeSummary { n_nodes, n_outside, first_outside, is_overfull });
     let aabb_node = layout_of!(AabbNode { low, first_point, high, end_point });
     let (asked, hit) = (layout_of!(Asked { id, radius }), layout_of!(HitN { index, dist2 }));
+    let rays = [
+        ("Ray", layout_of!(Ray { origin, t_min, direction, t_max })),
+        ("PreparedTriangle", layout_of!(PreparedTriangle { low, index, middle, corners, high, padding })),
+        ("KdNode", layout_of!(KdNode { split, link })),
+        ("KdLeaf", layout_of!(KdLeaf { min, first, max, count, ropes, padding_0, padding_1 })),
+        ("HitRecord", layout_of!(HitRecord { triangle, t, weights })),
+        ("RayWork", layout_of!(RayWork { triangle_tests, node_visits, leaf_visits, rope_steps })),
+    ];
     let nodes = [("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node)];
-    BTreeMap::from_iter(nodes.into_iter().chain([("Asked", asked), ("HitN", hit)]))
+    BTreeMap::from_iter(nodes.into_iter().chain(rays).chain([("Asked", asked), ("HitN", hit)]))
 }
 
 /// The layout of a domain, whose fields are private: from where its values stand.

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 /// A half line, or a part of one: the points `origin + t · direction` with `t_min ≤ t ≤ t_max`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Ray {
     /// Start of the ray.

@@ -26,15 +26,26 @@ impl TriMesh {
     /// # Errors
     /// `TooMany` if a triangle names a vertex that is not there.
     pub fn new(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Result<Self> {
-        if let Some(&index) = triangles.iter().flatten().find(|&&i| i as usize >= vertices.len()) {
+        let mesh = Self { vertices, triangles, ..Self::default() };
+        mesh.check_indices()?;
+        Ok(mesh)
+    }
+
+    /// Checks that every index of a triangle has a vertex.
+    ///
+    /// # Errors
+    /// `TooMany` with the first index that has none.
+    pub fn check_indices(&self) -> Result<()> {
+        let n = self.vertices.len();
+        if let Some(&index) = self.triangles.iter().flatten().find(|&&i| i as usize >= n) {
             return Err(Error::TooMany {
                 what: "vertex index of a triangle",
                 found: u64::from(index),
-                limit: (vertices.len() as u64).saturating_sub(1),
+                limit: (n as u64).saturating_sub(1),
                 advice: "indices count from 0 and must be below the number of vertices",
             });
         }
-        Ok(Self { vertices, triangles, ..Self::default() })
+        Ok(())
     }
 
     /// Triangle `i` relative to `origin`.

@@ -264,7 +264,7 @@ fn visit_pack<S: CpuStructure>(
     true
 }
 
-fn device_name() -> String {
+pub(super) fn device_name() -> String {
     format!("cpu ({} threads, {})", rayon::current_num_threads(), Simd::best().name())
 }
 

@@ -1,9 +1,9 @@
 //! Questions to a structure and their answers: all neighbours within a radius, how many, the nearest one; the k nearest,
-//! however far or within a radius; the points in a box.
+//! however far or within a radius; the points in a box; what rays hit.
 //!
 //! [`FixedRadius`] is the first question, [`NeighborSearch`] what every structure on every device answers, and
 //! [`Neighbors`], [`Counts`], [`Nearest`] the answers. [`Knn`] and [`Boxes`] are asked of structures with [`KnnSearch`]
-//! and [`BoxSearch`]. Each answer carries a [`Report`] of what really ran.
+//! and [`BoxSearch`], rays of meshes with [`RaySearch`]. Each answer carries a [`Report`] of what really ran.
 
 mod any_dimension;
 mod boxes;
@@ -20,6 +20,7 @@ mod knn;
 mod neighbors;
 #[cfg(feature = "gpu")]
 mod occupancy;
+mod ray_cast;
 mod report;
 mod rows;
 mod search;
@@ -43,5 +44,11 @@ pub use gpu::{ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbor
 pub use index::{Index, IndexSettings};
 pub use knn::{Knn, KnnSearch, NearestNeighbors};
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
+#[cfg(feature = "gpu")]
+pub use ray_cast::RaysOnDevice;
+pub use ray_cast::{HitCounts, HitLists, HitRecord, Hits, Occlusion, RayHit, RaySearch};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use ray_cast::{RayBatch, SortBatch};
 pub use report::{Clock, Report, Stage};
 pub use search::NeighborSearch;

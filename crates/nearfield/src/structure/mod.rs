@@ -1,8 +1,9 @@
-//! Orders of points (and later of triangles) that make searching them cheap.
+//! Orders of points and of triangles that make searching them cheap.
 //!
 //! A structure on the CPU is points in some order, cut into packs of neighbours, and one method: which runs of that
 //! order can hold anything near a box. Every query is written once on top of that ([`CpuStructure`]). The
-//! [`dense_octree`] is a tree to compare with and answers questions of its own.
+//! [`dense_octree`] is a tree to compare with and answers questions of its own. Over triangles the method is a walk along
+//! a ray ([`RayStructure`]).
 
 use std::ops::Range;
 
@@ -13,11 +14,15 @@ use crate::geometry::{Aabb, OrderedPoints, Period};
 pub mod aabb_tree;
 pub mod brute_force;
 pub mod dense_octree;
+pub mod kd_tree;
 pub mod linear_octree;
 pub mod moving_points;
 #[cfg(feature = "gpu")]
 mod on_gpu;
+#[cfg(feature = "gpu")]
+mod on_gpu_rays;
 mod packing;
+mod ray_structure;
 pub mod uniform_grid;
 
 pub use aabb_tree::{
@@ -25,12 +30,15 @@ pub use aabb_tree::{
 };
 #[cfg(feature = "gpu")]
 pub use aabb_tree::{AabbTreeBuilder, GpuAabbTree, GpuAabbTreeN};
-pub use brute_force::BruteForce;
+pub use brute_force::{BruteForce, BruteForceMesh};
 #[cfg(feature = "gpu")]
-pub use brute_force::GpuBruteForce;
+pub use brute_force::{GpuBruteForce, GpuBruteForceMesh};
 #[cfg(feature = "gpu")]
 pub use dense_octree::GpuDenseOctree;
 pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};
+#[cfg(feature = "gpu")]
+pub use kd_tree::GpuKdTree;
+pub use kd_tree::{KdBuild, KdStats, KdTraversal, KdTree, KdTreeSettings};
 pub use linear_octree::{Contact, LeafNeighbors, LinearOctree, OctreeNode, OctreeSettings};
 #[cfg(feature = "gpu")]
 pub use linear_octree::{GpuLeafNeighbors, GpuLinearOctree, OctreeBuilder};
@@ -41,6 +49,9 @@ pub use moving_points::{MovingPoints, RebuildPolicy, UpdateAction, UpdateReason,
 pub(crate) use on_gpu::device_points;
 #[cfg(feature = "gpu")]
 pub use on_gpu::{DevicePoint, Effort, GpuStructure};
+#[cfg(feature = "gpu")]
+pub use on_gpu_rays::GpuRayStructure;
+pub use ray_structure::{CountRayWork, HitVisitor, PreparedTriangles, RayStructure, RayWork};
 #[cfg(feature = "gpu")]
 pub use uniform_grid::{GpuUniformGrid, GridBuilder};
 pub use uniform_grid::{GridSettings, UniformGrid};

@@ -60,6 +60,19 @@ pub(crate) fn long_cases(gpu: &Gpu) -> bool {
     gpu.kind() != AdapterKind::Software || std::env::var_os("NEARFIELD_LONG").is_some_and(|v| v == "1")
 }
 
+/// Whether cases that take minutes are asked for on any device.
+pub(crate) fn is_long() -> bool {
+    std::env::var_os("NEARFIELD_LONG").is_some_and(|v| v == "1")
+}
+
+/// A file of the test data: in the folder `NEARFIELD_DATA`, else `../shared/data` beside the repository; `None` where it
+/// is not there.
+pub(crate) fn data_file(name: &str) -> Option<std::path::PathBuf> {
+    let beside = || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    let folder = std::env::var_os("NEARFIELD_DATA").map_or_else(beside, Into::into);
+    Some(folder.join(name)).filter(|path| path.is_file())
+}
+
 /// Reproducible random numbers (SplitMix64).
 pub(crate) struct Random(pub(crate) u64);
 

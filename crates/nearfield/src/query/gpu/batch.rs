@@ -9,7 +9,11 @@ use crate::{Error, Result};
 ///
 /// # Errors
 /// What `work` returns, `OutOfDeviceMemory` only for a range of at most `smallest` elements.
-pub(super) fn halving(n: usize, smallest: usize, mut work: impl FnMut(Range<usize>) -> Result<()>) -> Result<u32> {
+pub(in crate::query) fn halving(
+    n: usize,
+    smallest: usize,
+    mut work: impl FnMut(Range<usize>) -> Result<()>,
+) -> Result<u32> {
     let (mut start, mut size, mut batches) = (0, n, 0);
     while start < n {
         let range = start..n.min(start + size);

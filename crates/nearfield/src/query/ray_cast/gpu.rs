@@ -1,0 +1,289 @@
+//! All ray queries of the GPU, over any [`GpuRayStructure`]: rays go up, answers come back, in batches where memory is
+//! short.
+
+use std::ops::Range;
+use std::time::Instant;
+
+use bytemuck::{Pod, Zeroable};
+
+use super::on_device::{self, ALL, ANY, CLOSEST, CLOSEST_WITH_WORK, COUNT, HitCode};
+use super::{HitCounts, HitLists, HitRecord, Hits, Occlusion, RaySearch};
+use crate::geometry::Ray;
+use crate::gpu::{Access, Bind, Buffer, Commands, DeviceElement, Gpu, Kernel, StageTime, Workgroups};
+use crate::query::gpu::batch::{halving, windows};
+use crate::query::{Clock, Report, Stage};
+use crate::structure::{GpuBruteForceMesh, GpuKdTree, GpuRayStructure, PreparedTriangles, RayWork};
+use crate::{Error, Result};
+
+/// Fewest rays of a batch: with no memory for that, there is none for anything.
+const FEW_RAYS: usize = 64;
+/// Invocations of a workgroup of the sorting kernel.
+const WORKGROUP: u32 = 64;
+
+/// `SortBatch` in sort_hits.wesl, byte for byte.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct SortBatch {
+    /// Rows of this batch.
+    pub count: u32,
+    /// Unused.
+    pub padding: [u32; 3],
+}
+
+fn report<S: GpuRayStructure>(structure: &S, code: &HitCode) -> Report {
+    Report {
+        structure: S::NAME,
+        search: structure.search(),
+        device: structure.gpu().name().to_owned(),
+        kernels: vec!["package::query::ray_cast::cast".to_owned(), code.module.to_owned()],
+        ..Report::default()
+    }
+}
+
+fn add_stages(report: &mut Report, times: &[StageTime]) {
+    for time in times {
+        if let Some(milliseconds) = time.milliseconds {
+            report.stages.push(Stage { name: time.name, milliseconds, clock: Clock::Device });
+        }
+    }
+}
+
+/// Runs `ask` on consecutive parts of the rays, as large as memory allows.
+fn in_batches(
+    rays: &[Ray],
+    report: &mut Report,
+    mut ask: impl FnMut(Range<usize>, &mut Report) -> Result<()>,
+) -> Result<()> {
+    report.batches = halving(rays.len(), FEW_RAYS, |range| {
+        let n_stages = report.stages.len();
+        let asked = ask(range, report);
+        if asked.is_err() {
+            // Times of a batch that is tried again would count its work twice.
+            report.stages.truncate(n_stages);
+        }
+        asked
+    })?;
+    Ok(())
+}
+
+/// Casts a batch whose answer is one element a ray in each buffer of `visitor`.
+fn cast<S: GpuRayStructure>(
+    structure: &S,
+    rays: &[Ray],
+    code: &HitCode,
+    visitor: &[Bind],
+    report: &mut Report,
+) -> Result<()> {
+    let gpu = structure.gpu();
+    let upload = Instant::now();
+    let buffer = gpu.upload("rays", rays)?;
+    report.host_stage("upload", upload);
+    let mut commands = gpu.commands("cast rays");
+    commands.stage("cast");
+    let covering = Workgroups::Covering(rays.len() as u64);
+    on_device::record(&mut commands, structure, &buffer, rays.len(), covering, code, visitor)?;
+    add_stages(report, &commands.run()?);
+    Ok(())
+}
+
+/// Appends what a buffer holds.
+fn read_into<T: DeviceElement>(gpu: &Gpu, buffer: &Buffer<T>, to: &mut Vec<T>, report: &mut Report) -> Result<()> {
+    let read = Instant::now();
+    to.extend(gpu.read(buffer)?);
+    report.host_stage("read back", read);
+    Ok(())
+}
+
+/// One word a ray.
+fn words<S: GpuRayStructure>(structure: &S, rays: &[Ray], code: &HitCode) -> Result<(Vec<u32>, Report)> {
+    let start = Instant::now();
+    let gpu = structure.gpu();
+    let mut report = report(structure, code);
+    let mut answers = Vec::with_capacity(rays.len());
+    in_batches(rays, &mut report, |range, report| {
+        let buffer = gpu.buffer("answers to rays", range.len())?;
+        cast(structure, &rays[range], code, &[(&buffer).into()], report)?;
+        read_into(gpu, &buffer, &mut answers, report)
+    })?;
+    report.host_stage("total", start);
+    Ok((answers, report))
+}
+
+/// The device marks what is missing by the largest number.
+fn with_endless_misses(records: &mut [HitRecord]) {
+    records.iter_mut().filter(|record| !record.is_hit()).for_each(|record| record.t = f32::INFINITY);
+}
+
+fn closest<S: GpuRayStructure>(structure: &S, rays: &[Ray]) -> Result<Hits> {
+    let start = Instant::now();
+    let gpu = structure.gpu();
+    let mut report = report(structure, &CLOSEST);
+    let mut records = Vec::with_capacity(rays.len());
+    in_batches(rays, &mut report, |range, report| {
+        let hits: Buffer<HitRecord> = gpu.buffer("hits", range.len())?;
+        cast(structure, &rays[range], &CLOSEST, &[(&hits).into()], report)?;
+        read_into(gpu, &hits, &mut records, report)
+    })?;
+    with_endless_misses(&mut records);
+    report.host_stage("total", start);
+    Ok(Hits { records, triangles: structure.triangles().clone(), report })
+}
+
+fn closest_with_work<S: GpuRayStructure>(structure: &S, rays: &[Ray]) -> Result<(Hits, Vec<RayWork>)> {
+    let start = Instant::now();
+    let gpu = structure.gpu();
+    let mut report = report(structure, &CLOSEST_WITH_WORK);
+    let (mut records, mut works) = (Vec::with_capacity(rays.len()), Vec::with_capacity(rays.len()));
+    in_batches(rays, &mut report, |range, report| {
+        let hits: Buffer<HitRecord> = gpu.buffer("hits", range.len())?;
+        let work: Buffer<RayWork> = gpu.buffer("work of rays", range.len())?;
+        cast(structure, &rays[range], &CLOSEST_WITH_WORK, &[(&hits).into(), (&work).into()], report)?;
+        // Both are read before either is kept, so that a batch that fails leaves nothing.
+        let (read_hits, read_work) = (gpu.read(&hits)?, gpu.read(&work)?);
+        records.extend(read_hits);
+        works.extend(read_work);
+        Ok(())
+    })?;
+    with_endless_misses(&mut records);
+    report.host_stage("total", start);
+    Ok((Hits { records, triangles: structure.triangles().clone(), report }, works))
+}
+
+/// Records and lengths of the rows of rays whose hits were counted.
+fn fill_rows<S: GpuRayStructure>(
+    structure: &S,
+    rays: &[Ray],
+    counts: &[u32],
+    report: &mut Report,
+) -> Result<Vec<HitRecord>> {
+    let gpu = structure.gpu();
+    let offsets: Vec<u32> = std::iter::once(0)
+        .chain(counts.iter().scan(0, |end, &count| {
+            *end += count;
+            Some(*end)
+        }))
+        .collect();
+    let offsets = gpu.upload("offsets of hits", &offsets)?;
+    let total = counts.iter().map(|&count| count as usize).sum();
+    let records: Buffer<HitRecord> = gpu.buffer("lists of hits", total)?;
+    let lengths: Buffer<u32> = gpu.buffer("lengths of lists", rays.len())?;
+    let buffer = gpu.upload("rays", rays)?;
+    let mut commands = gpu.commands("list hits");
+    commands.stage("fill");
+    let covering = Workgroups::Covering(rays.len() as u64);
+    let visitor: [Bind; 3] = [(&offsets).into(), (&records).into(), (&lengths).into()];
+    on_device::record(&mut commands, structure, &buffer, rays.len(), covering.clone(), &ALL, &visitor)?;
+    commands.stage("sort");
+    record_sort(&mut commands, gpu, &offsets, &lengths, &records, counts, covering)?;
+    add_stages(report, &commands.run()?);
+    if gpu.read(&lengths)? != counts {
+        return Err(Error::Device {
+            operation: "list hits".to_owned(),
+            message: "two passes of the same rays met different numbers of hits".to_owned(),
+        });
+    }
+    gpu.read(&records)
+}
+
+fn record_sort(
+    commands: &mut Commands,
+    gpu: &Gpu,
+    offsets: &Buffer<u32>,
+    lengths: &Buffer<u32>,
+    records: &Buffer<HitRecord>,
+    counts: &[u32],
+    covering: Workgroups,
+) -> Result<()> {
+    let longest = u64::from(counts.iter().copied().max().unwrap_or(0));
+    // Every record is sifted twice at most, through all levels of the heap.
+    let rounds = 2 * longest * (u64::from(longest.max(1).ilog2()) + 2);
+    if let Some(limit) = gpu.limits().loop_rounds.filter(|&limit| rounds > u64::from(limit)) {
+        return Err(Error::Unsupported {
+            what: format!("sorting {longest} hits of a ray on {}, which ends loops after {limit} rounds,", gpu.name()),
+            advice: "use the CPU, count the hits, or cut the range of t",
+        });
+    }
+    use Access::{Read, ReadWrite, Uniform};
+    let batch = gpu.uniform("sort batch", &SortBatch { count: counts.len() as u32, padding: [0; 3] })?;
+    let kernel = Kernel {
+        constants: &[("WORKGROUP", f64::from(WORKGROUP))],
+        ..Kernel::new("package::query::ray_cast::sort_hits", "sort_hits", &[Uniform, Read, Read, ReadWrite], WORKGROUP)
+    };
+    let binds: [Bind; 4] = [(&batch).into(), offsets.into(), lengths.into(), records.into()];
+    commands.dispatch(&gpu.pipeline(&kernel)?, &binds, covering);
+    Ok(())
+}
+
+fn all<S: GpuRayStructure>(structure: &S, rays: &[Ray]) -> Result<HitLists> {
+    let start = Instant::now();
+    let (counts, counted) = words(structure, rays, &COUNT)?;
+    let mut report = report(structure, &ALL);
+    report.stages.extend(counted.stages.into_iter().filter(|stage| stage.name != "total"));
+    let capacity = structure.gpu().limits().binding_bytes / size_of::<HitRecord>() as u64;
+    let capacity = capacity.min(u64::from(u32::MAX));
+    let mut records = Vec::new();
+    for window in windows(&counts, capacity) {
+        let (rays, counts) = (&rays[window.clone()], &counts[window]);
+        in_batches(rays, &mut report, |range, report| {
+            records.extend(fill_rows(structure, &rays[range.clone()], &counts[range], report)?);
+            Ok(())
+        })?;
+    }
+    let mut offsets = Vec::with_capacity(rays.len() + 1);
+    offsets.push(0);
+    offsets.extend(counts.iter().scan(0u64, |end, &count| {
+        *end += u64::from(count);
+        Some(*end)
+    }));
+    report.host_stage("total", start);
+    Ok(HitLists { offsets, records, triangles: structure.triangles().clone(), report })
+}
+
+/// The search trait for a GPU structure. (A blanket implementation would overlap with that for CPU structures.)
+macro_rules! rays_on_gpu {
+    ($($structure:ty),*) => {$(
+        impl RaySearch for $structure {
+            fn structure(&self) -> &'static str {
+                <$structure as GpuRayStructure>::NAME
+            }
+
+            fn device(&self) -> String {
+                self.gpu().name().to_owned()
+            }
+
+            fn prepared(&self) -> &PreparedTriangles {
+                self.triangles()
+            }
+
+            fn memory_bytes(&self) -> u64 {
+                GpuRayStructure::memory_bytes(self)
+            }
+
+            fn build_stages(&self) -> Vec<Stage> {
+                GpuRayStructure::build_stages(self).iter().map(Stage::from).collect()
+            }
+
+            fn closest_hits(&self, rays: &[Ray]) -> Result<Hits> {
+                closest(self, rays)
+            }
+
+            fn closest_hits_with_work(&self, rays: &[Ray]) -> Result<(Hits, Vec<RayWork>)> {
+                closest_with_work(self, rays)
+            }
+
+            fn any_hits(&self, rays: &[Ray]) -> Result<Occlusion> {
+                words(self, rays, &ANY).map(|(states, report)| Occlusion { states, report })
+            }
+
+            fn all_hits(&self, rays: &[Ray]) -> Result<HitLists> {
+                all(self, rays)
+            }
+
+            fn count_hits(&self, rays: &[Ray]) -> Result<HitCounts> {
+                words(self, rays, &COUNT).map(|(counts, report)| HitCounts { counts, report })
+            }
+        }
+    )*};
+}
+
+rays_on_gpu!(GpuBruteForceMesh, GpuKdTree);

@@ -1,0 +1,201 @@
+//! Rays and hits that stay on the device.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::HitRecord;
+use crate::geometry::Ray;
+use crate::gpu::shader::Fill;
+use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Workgroups};
+use crate::structure::{GpuRayStructure, RayWork};
+use crate::{Error, Result};
+
+/// Invocations of a workgroup.
+const WORKGROUP: u32 = 64;
+
+/// `RayBatch` in cast.wesl, byte for byte.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct RayBatch {
+    /// Rays of this batch.
+    pub count: u32,
+    /// Unused.
+    pub padding: [u32; 3],
+}
+
+/// What a kernel does with the hits of a ray.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct HitCode {
+    pub(super) module: &'static str,
+    pub(super) accesses: &'static [Access],
+    pub(super) counts_work: bool,
+}
+
+pub(super) const CLOSEST: HitCode =
+    HitCode { module: "package::query::ray_cast::closest", accesses: &[Access::ReadWrite], counts_work: false };
+pub(super) const CLOSEST_WITH_WORK: HitCode =
+    HitCode { accesses: &[Access::ReadWrite, Access::ReadWrite], counts_work: true, ..CLOSEST };
+pub(super) const ANY: HitCode = HitCode { module: "package::query::ray_cast::any", ..CLOSEST };
+pub(super) const COUNT: HitCode = HitCode { module: "package::query::ray_cast::count", ..CLOSEST };
+pub(super) const ALL: HitCode = HitCode {
+    module: "package::query::ray_cast::all",
+    accesses: &[Access::Read, Access::ReadWrite, Access::ReadWrite],
+    counts_work: false,
+};
+
+/// Checks that the device takes all loop rounds of a walk.
+///
+/// # Errors
+/// `Unsupported` where it may end them before.
+pub(super) fn check_loops<S: GpuRayStructure>(structure: &S) -> Result<()> {
+    let Some(limit) = structure.gpu().limits().loop_rounds else { return Ok(()) };
+    let rounds = structure.most_rounds();
+    if rounds <= u64::from(limit) {
+        return Ok(());
+    }
+    Err(Error::Unsupported {
+        what: format!(
+            "casting rays into {} triangles by {} on {}, which ends the loops of a kernel after {limit} rounds and may need \
+             {rounds},",
+            structure.triangles().len(),
+            S::NAME,
+            structure.gpu().name()
+        ),
+        advice: "use the CPU, or a structure that looks at fewer triangles",
+    })
+}
+
+/// Records one cast: `workgroups` invocations, of which the first `count` have a ray.
+pub(super) fn record<S: GpuRayStructure>(
+    commands: &mut Commands,
+    structure: &S,
+    rays: &Buffer<Ray>,
+    count: usize,
+    workgroups: Workgroups,
+    code: &HitCode,
+    visitor: &[Bind],
+) -> Result<()> {
+    check_loops(structure)?;
+    let gpu = structure.gpu();
+    let batch = gpu.uniform("ray batch", &RayBatch { count: count as u32, padding: [0; 3] })?;
+    let space = gpu.uniform("ray space", structure.triangles().space())?;
+    let mut binds: Vec<Bind> = vec![(&batch).into(), rays.into(), (&space).into()];
+    let mut accesses = vec![Access::Uniform, Access::Read, Access::Uniform];
+    for (access, bind) in structure.bindings() {
+        accesses.push(access);
+        binds.push(bind);
+    }
+    let mut features = structure.features();
+    features.push(("count_work", code.counts_work));
+    let kernel = Kernel {
+        visitor_bindings: code.accesses,
+        fills: &[
+            ("package::structure::ray_selected", Fill::Module(structure.trace_module())),
+            ("package::structure::hit_visitor", Fill::Module(code.module)),
+        ],
+        features: &features,
+        constants: &[("WORKGROUP", f64::from(WORKGROUP))],
+        ..Kernel::new("package::query::ray_cast::cast", "cast_rays", &accesses, WORKGROUP)
+    };
+    commands.dispatch_with_visitor(&gpu.pipeline(&kernel)?, &binds, visitor, workgroups);
+    Ok(())
+}
+
+/// Ray casting with rays and answers in device memory, recorded into the caller's commands.
+///
+/// `rays` may hold more than `count` rays; those beyond are not cast. With [`Workgroups::Covering`]`(count)` all are; a
+/// kernel that ran before may leave fewer, in workgroups of 64, by [`Workgroups::Indirect`].
+pub trait RaysOnDevice {
+    /// First hit of each ray: `hits[i]` for `rays[i]`, [`HitRecord::MISS`] or [`HitRecord::INVALID`] with the largest
+    /// f32 as t where there is none.
+    ///
+    /// # Errors
+    /// `LengthMismatch` where a buffer is shorter than `count`; `Unsupported` on devices that end long loops;
+    /// `OutOfDeviceMemory`, `DeviceLost`.
+    fn record_closest(
+        &self,
+        commands: &mut Commands,
+        rays: &Buffer<Ray>,
+        count: usize,
+        workgroups: Workgroups,
+        hits: &Buffer<HitRecord>,
+    ) -> Result<()>;
+
+    /// As [`RaysOnDevice::record_closest`], with the work of each ray.
+    ///
+    /// # Errors
+    /// As [`RaysOnDevice::record_closest`].
+    fn record_closest_with_work(
+        &self,
+        commands: &mut Commands,
+        rays: &Buffer<Ray>,
+        count: usize,
+        workgroups: Workgroups,
+        hits: &Buffer<HitRecord>,
+        work: &Buffer<RayWork>,
+    ) -> Result<()>;
+
+    /// Whether each ray hits anything: 0 for a miss, 1 for a hit, 2 for a ray that cannot be cast.
+    ///
+    /// # Errors
+    /// As [`RaysOnDevice::record_closest`].
+    fn record_any(
+        &self,
+        commands: &mut Commands,
+        rays: &Buffer<Ray>,
+        count: usize,
+        workgroups: Workgroups,
+        states: &Buffer<u32>,
+    ) -> Result<()>;
+}
+
+/// Checks that a buffer has room for `count` elements.
+fn check_length<T: crate::gpu::DeviceElement>(buffer: &Buffer<T>, count: usize) -> Result<()> {
+    if buffer.len() < count {
+        let (found, expected) = (buffer.len() as u64, count as u64);
+        return Err(Error::LengthMismatch { what: buffer.label(), found, expected });
+    }
+    Ok(())
+}
+
+impl<S: GpuRayStructure> RaysOnDevice for S {
+    fn record_closest(
+        &self,
+        commands: &mut Commands,
+        rays: &Buffer<Ray>,
+        count: usize,
+        workgroups: Workgroups,
+        hits: &Buffer<HitRecord>,
+    ) -> Result<()> {
+        check_length(rays, count)?;
+        check_length(hits, count)?;
+        record(commands, self, rays, count, workgroups, &CLOSEST, &[hits.into()])
+    }
+
+    fn record_closest_with_work(
+        &self,
+        commands: &mut Commands,
+        rays: &Buffer<Ray>,
+        count: usize,
+        workgroups: Workgroups,
+        hits: &Buffer<HitRecord>,
+        work: &Buffer<RayWork>,
+    ) -> Result<()> {
+        check_length(rays, count)?;
+        check_length(hits, count)?;
+        check_length(work, count)?;
+        record(commands, self, rays, count, workgroups, &CLOSEST_WITH_WORK, &[hits.into(), work.into()])
+    }
+
+    fn record_any(
+        &self,
+        commands: &mut Commands,
+        rays: &Buffer<Ray>,
+        count: usize,
+        workgroups: Workgroups,
+        states: &Buffer<u32>,
+    ) -> Result<()> {
+        check_length(rays, count)?;
+        check_length(states, count)?;
+        record(commands, self, rays, count, workgroups, &ANY, &[states.into()])
+    }
+}

@@ -1,0 +1,126 @@
+//! The tree on the GPU: the arrays of the CPU's tree, as they are.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use bytemuck::{Pod, Zeroable};
+
+use super::layout::{KdLeaf, KdNode};
+use super::settings::KdTraversal;
+use super::{KdTree, KdTreeSettings};
+use crate::Result;
+use crate::geometry::{PreparedTriangle, TriMesh};
+use crate::gpu::{Access, Bind, Buffer, Gpu};
+use crate::structure::{BuildStage, GpuRayStructure, PreparedTriangles, RayStructure};
+
+/// `KdRoot` in ropes.wesl, byte for byte.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct KdRoot {
+    /// Smallest corner of the tree's box.
+    pub low: [f32; 3],
+    /// Unused.
+    pub padding_0: u32,
+    /// Largest corner of the tree's box.
+    pub high: [f32; 3],
+    /// Unused.
+    pub padding_1: u32,
+}
+
+/// A kd-tree on the GPU, walked by its ropes, one invocation a ray. It is built on the CPU.
+#[derive(Debug)]
+pub struct GpuKdTree {
+    gpu: Gpu,
+    triangles: Arc<PreparedTriangles>,
+    root: Buffer<KdRoot>,
+    triangle_buffer: Buffer<PreparedTriangle>,
+    nodes: Buffer<KdNode>,
+    leaves: Buffer<KdLeaf>,
+    references: Buffer<u32>,
+    most_rounds: u64,
+    stages: Vec<BuildStage>,
+}
+
+impl GpuKdTree {
+    /// Builds a tree on the CPU and copies it to the device.
+    ///
+    /// # Errors
+    /// As [`KdTree::build`]; `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn build(gpu: &Gpu, mesh: &TriMesh, settings: &KdTreeSettings) -> Result<Self> {
+        Self::upload(gpu, &KdTree::build(mesh, settings)?)
+    }
+
+    /// Copies a tree to the device.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn upload(gpu: &Gpu, tree: &KdTree) -> Result<Self> {
+        let start = Instant::now();
+        let cell = tree.root_cell();
+        let root = KdRoot { low: cell.min.to_array(), padding_0: 0, high: cell.max.to_array(), padding_1: 0 };
+        let triangles = Arc::clone(tree.triangles());
+        // A tree without triangles in its leaves has no references; there is no buffer of nothing.
+        let references = if tree.references().is_empty() { &[0][..] } else { tree.references() };
+        let mut uploaded = Self {
+            gpu: gpu.clone(),
+            root: gpu.uniform("root of the kd-tree", &root)?,
+            triangle_buffer: gpu.upload("triangles", triangles.as_slice())?,
+            nodes: gpu.upload("nodes of the kd-tree", tree.nodes())?,
+            leaves: gpu.upload("leaves of the kd-tree", tree.leaves())?,
+            references: gpu.upload("references of the kd-tree", references)?,
+            triangles,
+            most_rounds: if gpu.limits().loop_rounds.is_some() { tree.most_rounds_of_a_walk() } else { 0 },
+            stages: tree.build_stages().to_vec(),
+        };
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        uploaded.stages.push(BuildStage { name: "upload", milliseconds, on_device: false });
+        Ok(uploaded)
+    }
+}
+
+impl GpuRayStructure for GpuKdTree {
+    const NAME: &'static str = <KdTree as RayStructure>::NAME;
+
+    fn search(&self) -> &'static str {
+        KdTraversal::Ropes.name()
+    }
+
+    fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    fn triangles(&self) -> &Arc<PreparedTriangles> {
+        &self.triangles
+    }
+
+    fn trace_module(&self) -> &'static str {
+        "package::structure::kd_tree::ropes"
+    }
+
+    fn features(&self) -> Vec<(&'static str, bool)> {
+        vec![("short_loops", self.gpu.limits().loop_rounds.is_some())]
+    }
+
+    fn bindings(&self) -> Vec<(Access, Bind)> {
+        vec![
+            (Access::Uniform, (&self.root).into()),
+            (Access::Read, (&self.triangle_buffer).into()),
+            (Access::Read, (&self.nodes).into()),
+            (Access::Read, (&self.leaves).into()),
+            (Access::Read, (&self.references).into()),
+        ]
+    }
+
+    fn most_rounds(&self) -> u64 {
+        self.most_rounds
+    }
+
+    fn build_stages(&self) -> &[BuildStage] {
+        &self.stages
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        let tree = self.nodes.bytes() + self.leaves.bytes() + self.references.bytes();
+        self.root.bytes() + self.triangle_buffer.bytes() + tree
+    }
+}

@@ -1,0 +1,44 @@
+//! What a structure over triangles gives the ray queries on the GPU.
+
+use std::sync::Arc;
+
+use super::{BuildStage, PreparedTriangles};
+use crate::gpu::{Access, Bind, Gpu};
+
+/// A structure over triangles on the device, and a WESL module that walks along a ray.
+///
+/// The module holds `fn trace(ray: PreparedRay, state: ptr<function, HitState>, work: ptr<function, RayWork>)`. It
+/// offers what it hits to `package::structure::hit_visitor`, by the rules of [`crate::structure::RayStructure`], and
+/// counts its work under the feature `count_work`.
+pub trait GpuRayStructure: Sync {
+    /// Name of the structure, in lower case with hyphens.
+    const NAME: &'static str;
+
+    /// Name of the way it is searched.
+    fn search(&self) -> &'static str;
+
+    /// The device it lives on.
+    fn gpu(&self) -> &Gpu;
+
+    /// The triangles on the host, in the caller's order.
+    fn triangles(&self) -> &Arc<PreparedTriangles>;
+
+    /// Module that holds `trace`.
+    fn trace_module(&self) -> &'static str;
+
+    /// Conditions that the module is compiled with, apart from `count_work`.
+    fn features(&self) -> Vec<(&'static str, bool)>;
+
+    /// The module's bindings in `@group(0)`, numbered from 3.
+    fn bindings(&self) -> Vec<(Access, Bind)>;
+
+    /// The most rounds that all loops of one walk take together. Asked only on devices that end long loops
+    /// ([`crate::gpu::GpuLimits::loop_rounds`]); invocations that run in step share them.
+    fn most_rounds(&self) -> u64;
+
+    /// Times of the build.
+    fn build_stages(&self) -> &[BuildStage];
+
+    /// Bytes of device memory held, triangles included.
+    fn memory_bytes(&self) -> u64;
+}

@@ -1,0 +1,120 @@
+//! What is asked of single rays, of rays that cannot be cast, and of meshes that cannot be searched.
+
+use libtest_mimic::Trial;
+use nearfield::geometry::generate::{MeshKind, mesh};
+use nearfield::gpu::Gpu;
+use nearfield::{BruteForceMesh, Error, GpuBruteForceMesh, Ray, RaySearch, TriMesh, Vec3};
+
+use crate::support::{gpu_trial, own_context, refuse_each, trial};
+
+fn square() -> TriMesh {
+    let vertices = vec![Vec3::ZERO, Vec3::new(2.0, 0.0, 0.0), Vec3::new(2.0, 2.0, 0.0), Vec3::new(0.0, 2.0, 0.0)];
+    TriMesh::new(vertices, vec![[0, 1, 2], [0, 2, 3]]).unwrap()
+}
+
+fn single_rays(search: &dyn RaySearch) {
+    let ray = Ray::new(Vec3::new(1.5, 0.5, 3.0), Vec3::new(0.0, 0.0, -2.0));
+    let hit = search.closest_hit(&ray).unwrap().unwrap();
+    assert_eq!((hit.triangle, hit.t), (0, 1.5));
+    assert_eq!(hit.position, Vec3::new(1.5, 0.5, 0.0));
+    assert_eq!(hit.normal, Vec3::Z);
+    let sum: f32 = hit.barycentrics.iter().sum();
+    assert!((sum - 1.0).abs() < 1e-6);
+    assert!(search.any_hit(&ray).unwrap());
+    assert_eq!(search.count_hits_of(&ray).unwrap(), 1);
+    assert_eq!(search.all_hits_of(&ray).unwrap(), [hit]);
+    // The diagonal belongs to both triangles: the lower one is named, both are counted.
+    let diagonal = Ray::new(Vec3::new(1.0, 1.0, 3.0), -Vec3::Z);
+    assert_eq!(search.closest_hit(&diagonal).unwrap().unwrap().triangle, 0);
+    assert_eq!(search.count_hits_of(&diagonal).unwrap(), 2);
+    // The range of t is closed.
+    for (t_min, t_max, expected) in
+        [(1.5, 9.0, true), (0.0, 1.5, true), (1.6, 9.0, false), (0.0, 1.4, false), (2.0, 1.0, false)]
+    {
+        let limited = Ray { t_min, t_max, ..ray };
+        assert_eq!(search.any_hit(&limited).unwrap(), expected, "{t_min} to {t_max}");
+        assert_eq!(search.closest_hit(&limited).unwrap().is_some(), expected, "{t_min} to {t_max}");
+    }
+}
+
+fn rays_that_cannot_be_cast(search: &dyn RaySearch) {
+    let good = Ray::new(Vec3::new(1.5, 0.5, 3.0), -Vec3::Z);
+    let bad = [
+        Ray::new(Vec3::ZERO, Vec3::ZERO),
+        Ray::new(Vec3::new(0.0, f32::NAN, 0.0), Vec3::X),
+        Ray::new(Vec3::ZERO, Vec3::new(1.0, f32::INFINITY, 0.0)),
+        Ray { t_min: f32::NAN, ..good },
+        Ray::new(Vec3::splat(3e18), Vec3::X),
+    ];
+    for ray in &bad {
+        for result in [
+            search.closest_hit(ray).map(drop),
+            search.any_hit(ray).map(drop),
+            search.count_hits_of(ray).map(drop),
+            search.all_hits_of(ray).map(drop),
+        ] {
+            assert!(matches!(result, Err(Error::InvalidRay { index: None, .. })), "{ray:?}");
+        }
+    }
+    let rays: Vec<Ray> = bad.iter().flat_map(|&ray| [ray, good]).collect();
+    let hits = search.closest_hits(&rays).unwrap();
+    let (any, counts, all) =
+        (search.any_hits(&rays).unwrap(), search.count_hits(&rays).unwrap(), search.all_hits(&rays).unwrap());
+    for i in 0..rays.len() {
+        let is_bad = i % 2 == 0;
+        assert_eq!((hits.is_invalid(i), any.is_invalid(i)), (is_bad, is_bad), "ray {i}");
+        assert_eq!((hits.hit(i).is_some(), any.is_hit(i)), (!is_bad, !is_bad), "ray {i}");
+        assert_eq!((counts.as_slice()[i], all.row(i).len()), (u32::from(!is_bad), usize::from(!is_bad)), "ray {i}");
+    }
+    assert_eq!(hits.n_hits(), bad.len());
+    assert!(search.closest_hits(&[]).unwrap().is_empty());
+    assert!(search.all_hits(&[]).unwrap().is_empty());
+}
+
+fn bad_meshes_are_refused() {
+    let square = square();
+    let error = BruteForceMesh::build(&TriMesh { triangles: vec![], ..square.clone() }).unwrap_err();
+    assert!(matches!(error, Error::NoTriangles { vertices: 4 }), "{error}");
+    let error =
+        BruteForceMesh::build(&TriMesh { triangles: vec![[0, 1, 2], [1, 2, 7]], ..square.clone() }).unwrap_err();
+    assert!(matches!(error, Error::TooMany { found: 7, limit: 3, .. }), "{error}");
+    let mut broken = square;
+    broken.vertices[2].y = f32::NAN;
+    let error = BruteForceMesh::build(&broken).unwrap_err();
+    assert!(matches!(error, Error::NonFinite { what: "vertices", count: 1, first: 2 }), "{error}");
+}
+
+fn work_is_counted(search: &dyn RaySearch, triangles: u32) {
+    let rays = vec![Ray::new(Vec3::new(0.1, 0.2, 5.0), -Vec3::Z); 70];
+    let (hits, work) = search.closest_hits_with_work(&rays).unwrap();
+    assert_eq!(hits.records(), search.closest_hits(&rays).unwrap().records());
+    assert!(work.iter().all(|w| w.triangle_tests == triangles && w.leaf_visits == 1 && w.rope_steps == 0));
+}
+
+pub(crate) fn trials() -> Vec<Trial> {
+    let gpu_square = |gpu: &Gpu| GpuBruteForceMesh::build(gpu, &square()).unwrap();
+    vec![
+        trial("bad_meshes_are_refused", bad_meshes_are_refused),
+        trial("cpu::single_rays", || single_rays(&BruteForceMesh::build(&square()).unwrap())),
+        gpu_trial("gpu::single_rays", move |gpu| single_rays(&gpu_square(gpu))),
+        trial("cpu::rays_that_cannot_be_cast", || rays_that_cannot_be_cast(&BruteForceMesh::build(&square()).unwrap())),
+        gpu_trial("gpu::rays_that_cannot_be_cast", move |gpu| rays_that_cannot_be_cast(&gpu_square(gpu))),
+        trial("cpu::work_is_counted", || {
+            let mesh = mesh(MeshKind::Icosphere, 320, 1);
+            work_is_counted(&BruteForceMesh::build(&mesh).unwrap(), mesh.triangles.len() as u32);
+        }),
+        gpu_trial("gpu::work_is_counted", |gpu| {
+            let mesh = mesh(MeshKind::Icosphere, 320, 1);
+            work_is_counted(&GpuBruteForceMesh::build(gpu, &mesh).unwrap(), mesh.triangles.len() as u32);
+        }),
+        gpu_trial("gpu::memory_that_runs_out_is_an_error_at_every_allocation", |gpu| {
+            let gpu = own_context(gpu);
+            let search = GpuBruteForceMesh::build(&gpu, &square()).unwrap();
+            let rays = vec![Ray::new(Vec3::new(1.5, 0.5, 3.0), -Vec3::Z); 300];
+            let refused = refuse_each(&gpu, "closest", || search.closest_hits(&rays), |hits| hits.n_hits() == 300);
+            assert!(refused > 2);
+            let refused = refuse_each(&gpu, "all", || search.all_hits(&rays), |lists| lists.records().len() == 300);
+            assert!(refused > 4);
+        }),
+    ]
+}
