@@ -47,13 +47,13 @@ pub use query::{
     SearchOnDevice, StructureChoice, Visitor,
 };
 pub use structure::{
-    AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BruteForceMesh, BuildOrder, CellState,
-    DenseOctree, DenseOctreeSettings, GridSettings, KdBuild, KdStats, KdTraversal, KdTree, KdTreeSettings,
+    AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BruteForceMesh, BuildOrder, BvhSettings,
+    CellState, DenseOctree, DenseOctreeSettings, GridSettings, KdBuild, KdStats, KdTraversal, KdTree, KdTreeSettings,
     LinearOctree, MovingPoints, OctreeNode, OctreeSettings, PreparedTriangles, RayWork, RebuildPolicy, TreeSearch,
-    UniformGrid, UpdateAction, UpdateReason, UpdateReport,
+    TriangleBvh, UniformGrid, UpdateAction, UpdateReason, UpdateReport,
 };
 #[cfg(feature = "gpu")]
 pub use structure::{
     GpuAabbTree, GpuAabbTreeN, GpuBruteForce, GpuBruteForceMesh, GpuDenseOctree, GpuKdTree, GpuLinearOctree,
-    GpuMovingPoints, GpuUniformGrid,
+    GpuMovingPoints, GpuTriangleBvh, GpuUniformGrid,
 };

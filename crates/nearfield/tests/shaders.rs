@@ -15,6 +15,7 @@ use nearfield::structure::aabb_tree::{AabbNode, TreeLayout, any_dimension};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
 use nearfield::structure::kd_tree::{KdLeaf, KdNode, KdRoot};
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
+use nearfield::structure::triangle_bvh::CompressedNode;
 use nearfield::structure::uniform_grid::GridLayout;
 use nearfield::{HitRecord, Ray, RayWork, Vec3};
 
@@ -372,7 +373,9 @@ fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ("HitRecord", layout_of!(HitRecord { triangle, t, weights })),
         ("RayWork", layout_of!(RayWork { triangle_tests, node_visits, leaf_visits, rope_steps })),
     ];
-    let nodes = [("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node)];
+    let compressed =
+        layout_of!(CompressedNode { origin, steps, first_node, first_triangle, meta, low_xy, low_z_high_x, high_yz });
+    let nodes = [("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node), ("CompressedNode", compressed)];
     BTreeMap::from_iter(nodes.into_iter().chain(rays).chain([("Asked", asked), ("HitN", hit)]))
 }
 

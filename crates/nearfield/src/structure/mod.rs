@@ -23,6 +23,7 @@ mod on_gpu;
 mod on_gpu_rays;
 mod packing;
 mod ray_structure;
+pub mod triangle_bvh;
 pub mod uniform_grid;
 
 pub use aabb_tree::{
@@ -52,6 +53,9 @@ pub use on_gpu::{DevicePoint, Effort, GpuStructure};
 #[cfg(feature = "gpu")]
 pub use on_gpu_rays::GpuRayStructure;
 pub use ray_structure::{CountRayWork, HitVisitor, PreparedTriangles, RayStructure, RayWork};
+#[cfg(feature = "gpu")]
+pub use triangle_bvh::GpuTriangleBvh;
+pub use triangle_bvh::{BvhSettings, TriangleBvh};
 #[cfg(feature = "gpu")]
 pub use uniform_grid::{GpuUniformGrid, GridBuilder};
 pub use uniform_grid::{GridSettings, UniformGrid};

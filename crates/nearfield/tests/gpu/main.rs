@@ -8,6 +8,7 @@ mod coherent;
 mod loss;
 mod memory;
 mod plumbing;
+mod ray_trees;
 mod rows;
 #[path = "../support/mod.rs"]
 mod support;
@@ -102,6 +103,7 @@ fn main() {
     trials.extend(visitors::trials());
     trials.extend(rows::trials());
     trials.extend(trees::trials());
+    trials.extend(ray_trees::trials());
     trials.extend(coherent::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -12,7 +12,9 @@ use crate::geometry::Ray;
 use crate::gpu::{Access, Bind, Buffer, Commands, DeviceElement, Gpu, Kernel, StageTime, Workgroups};
 use crate::query::gpu::batch::{halving, windows};
 use crate::query::{Clock, Report, Stage};
-use crate::structure::{GpuBruteForceMesh, GpuKdTree, GpuRayStructure, PreparedTriangles, RayWork};
+use crate::structure::{
+    GpuBruteForceMesh, GpuKdTree, GpuRayStructure, GpuTriangleBvh, PreparedTriangles, RayWork,
+};
 use crate::{Error, Result};
 
 /// Fewest rays of a batch: with no memory for that, there is none for anything.
@@ -286,4 +288,4 @@ macro_rules! rays_on_gpu {
     )*};
 }
 
-rays_on_gpu!(GpuBruteForceMesh, GpuKdTree);
+rays_on_gpu!(GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh);

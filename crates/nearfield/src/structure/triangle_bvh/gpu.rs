@@ -1,0 +1,152 @@
+//! The hierarchy on the GPU.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::collapse::LeafCost;
+use super::compress::{CompressedNode, LEAF, compress};
+use super::cpu::{check_number, host_stage, wide_tree};
+use super::{BvhSettings, TriangleBvh};
+use crate::Result;
+use crate::geometry::{PreparedTriangle, TriMesh};
+use crate::gpu::{Access, Bind, Buffer, Gpu};
+use crate::structure::{BuildStage, GpuRayStructure, PreparedTriangles, RayStructure};
+
+/// Time to test a triangle, in units of the time to test the boxes of a node. Source: Ylitie2017.
+const TRIANGLE_COST: f32 = 0.3;
+/// Trees of at most this many levels are walked with a small stack; `STACK` in trace.wesl.
+const SHALLOW: u32 = 20;
+
+/// The triangles of a mesh in a hierarchy of compressed boxes, eight children a node, on the GPU.
+///
+/// It is built on the CPU. For triangles that move, build it anew; there is no refit on the device.
+#[derive(Debug)]
+pub struct GpuTriangleBvh {
+    gpu: Gpu,
+    triangles: Arc<PreparedTriangles>,
+    settings: BvhSettings,
+    nodes: Buffer<CompressedNode>,
+    in_order: Buffer<PreparedTriangle>,
+    depth: u32,
+    stages: Vec<BuildStage>,
+}
+
+impl GpuTriangleBvh {
+    /// Prepares the triangles, builds the hierarchy on the CPU and copies it to the device.
+    ///
+    /// # Errors
+    /// As [`TriangleBvh::build`]; `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn build(gpu: &Gpu, mesh: &TriMesh, settings: &BvhSettings) -> Result<Self> {
+        settings.validate()?;
+        let start = Instant::now();
+        let triangles = PreparedTriangles::new(mesh)?;
+        let mut stages = vec![];
+        host_stage(&mut stages, "prepare", start);
+        let mut built = Self::of(gpu, triangles, settings)?;
+        built.stages.splice(0..0, stages);
+        Ok(built)
+    }
+
+    /// Over triangles that were prepared before.
+    ///
+    /// # Errors
+    /// As [`TriangleBvh::of`]; `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn of(gpu: &Gpu, triangles: Arc<PreparedTriangles>, settings: &BvhSettings) -> Result<Self> {
+        settings.validate()?;
+        check_number(&triangles)?;
+        let mut stages = vec![];
+        let cost = LeafCost { most: settings.leaf_triangles.min(LEAF), entry: 0.0, triangle: TRIANGLE_COST };
+        let wide = wide_tree(&triangles, settings, &cost, &mut stages);
+        let depth = wide.as_ref().map_or(0, |(_, wide)| wide.depth);
+        let start = Instant::now();
+        let mut compressed = compress(wide, &triangles);
+        host_stage(&mut stages, "compress", start);
+        if compressed.triangles.is_empty() {
+            // No node names it; a buffer is not empty.
+            compressed.triangles.push(triangles.as_slice()[0]);
+        }
+        let start = Instant::now();
+        let nodes = gpu.upload("nodes of a BVH", &compressed.nodes)?;
+        let in_order = gpu.upload("triangles of a BVH", &compressed.triangles)?;
+        host_stage(&mut stages, "upload", start);
+        Ok(Self { gpu: gpu.clone(), triangles, settings: *settings, nodes, in_order, depth, stages })
+    }
+
+    /// Over the triangles of a hierarchy on the CPU, with its settings. Leaves are smaller on the device, where
+    /// triangles are tested one by one, so the tree is split and collapsed again.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn upload(gpu: &Gpu, bvh: &TriangleBvh) -> Result<Self> {
+        Self::of(gpu, bvh.triangles.clone(), &bvh.settings)
+    }
+
+    /// The settings it was built with.
+    pub fn settings(&self) -> &BvhSettings {
+        &self.settings
+    }
+
+    /// `[n_nodes]` the nodes, the root first.
+    pub fn nodes(&self) -> &Buffer<CompressedNode> {
+        &self.nodes
+    }
+
+    /// Nodes of the longest path from the root, at most 80; 0 where no triangle has an area.
+    pub fn depth(&self) -> u32 {
+        self.depth
+    }
+
+    /// The first broken invariant of what is on the device, in words; `None` for a sound tree. Reads everything back.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory`, `OutOfMemory`, `DeviceLost`.
+    pub fn broken_invariant(&self) -> Result<Option<String>> {
+        let mut triangles = self.gpu.read(&self.in_order)?;
+        if self.depth == 0 {
+            triangles.clear();
+        }
+        let read = super::compress::Compressed { nodes: self.gpu.read(&self.nodes)?, triangles };
+        Ok(read.broken_invariant(&self.triangles))
+    }
+}
+
+impl GpuRayStructure for GpuTriangleBvh {
+    const NAME: &'static str = <TriangleBvh as RayStructure>::NAME;
+
+    fn search(&self) -> &'static str {
+        "compressed-wide"
+    }
+
+    fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    fn triangles(&self) -> &Arc<PreparedTriangles> {
+        &self.triangles
+    }
+
+    fn trace_module(&self) -> &'static str {
+        "package::structure::triangle_bvh::trace"
+    }
+
+    fn features(&self) -> Vec<(&'static str, bool)> {
+        vec![("short_loops", self.gpu.limits().loop_rounds.is_some()), ("deep", self.depth > SHALLOW)]
+    }
+
+    fn bindings(&self) -> Vec<(Access, Bind)> {
+        vec![(Access::Read, (&self.nodes).into()), (Access::Read, (&self.in_order).into())]
+    }
+
+    /// Every round looks at a node or tests a triangle, each at most once.
+    fn most_rounds(&self) -> u64 {
+        (self.nodes.len() + self.in_order.len()) as u64 + 1
+    }
+
+    fn build_stages(&self) -> &[BuildStage] {
+        &self.stages
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.nodes.bytes() + self.in_order.bytes()
+    }
+}
