@@ -5,7 +5,10 @@ use std::sync::Arc;
 use libtest_mimic::Trial;
 use nearfield::gpu::Gpu;
 use nearfield::structure::PreparedTriangles;
-use nearfield::{BruteForceMesh, GpuBruteForceMesh, HitRecord, Ray, RaySearch, TriMesh};
+use nearfield::{
+    BruteForceMesh, BvhSettings, GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, HitRecord, KdTraversal, KdTree,
+    KdTreeSettings, Ray, RaySearch, TriMesh, TriangleBvh,
+};
 
 use crate::meshes::{self, Case};
 use crate::rays::{self, KINDS};
@@ -22,16 +25,28 @@ type Search = Box<dyn RaySearch>;
 
 /// The structures on the CPU; the first is what the others must equal to the bit.
 fn on_cpu(triangles: &Arc<PreparedTriangles>) -> Vec<(&'static str, Search)> {
+    let tree = KdTree::of(triangles.clone(), &KdTreeSettings::default()).unwrap();
+    let kd_tree = |traversal| -> Search { Box::new(tree.clone().with_traversal(traversal)) };
     vec![
         ("brute-force", Box::new(BruteForceMesh::of(triangles.clone()))),
         ("bounding-box", Box::new(BruteForceMesh::of(triangles.clone()).within_box())),
+        ("kd-tree, stack", kd_tree(KdTraversal::Stack)),
+        ("kd-tree, ropes", kd_tree(KdTraversal::Ropes)),
+        ("triangle-bvh", Box::new(TriangleBvh::of(triangles.clone(), &BvhSettings::default()).unwrap())),
     ]
 }
 
 /// The same on the device.
 fn on_gpu(gpu: &Gpu, triangles: &Arc<PreparedTriangles>) -> Vec<(&'static str, Search)> {
     let brute = || GpuBruteForceMesh::of(gpu, triangles.clone()).unwrap();
-    vec![("brute-force", Box::new(brute())), ("bounding-box", Box::new(brute().within_box().unwrap()))]
+    let tree = KdTree::of(triangles.clone(), &KdTreeSettings::default()).unwrap();
+    let bvh = TriangleBvh::of(triangles.clone(), &BvhSettings::default()).unwrap();
+    vec![
+        ("brute-force", Box::new(brute())),
+        ("bounding-box", Box::new(brute().within_box().unwrap())),
+        ("kd-tree", Box::new(GpuKdTree::upload(gpu, &tree).unwrap())),
+        ("triangle-bvh", Box::new(GpuTriangleBvh::upload(gpu, &bvh).unwrap())),
+    ]
 }
 
 /// Everything that is asked of rays: they must be the same whatever the structure.

@@ -12,9 +12,7 @@ use crate::geometry::Ray;
 use crate::gpu::{Access, Bind, Buffer, Commands, DeviceElement, Gpu, Kernel, StageTime, Workgroups};
 use crate::query::gpu::batch::{halving, windows};
 use crate::query::{Clock, Report, Stage};
-use crate::structure::{
-    GpuBruteForceMesh, GpuKdTree, GpuRayStructure, GpuTriangleBvh, PreparedTriangles, RayWork,
-};
+use crate::structure::{GpuBruteForceMesh, GpuKdTree, GpuRayStructure, GpuTriangleBvh, PreparedTriangles, RayWork};
 use crate::{Error, Result};
 
 /// Fewest rays of a batch: with no memory for that, there is none for anything.

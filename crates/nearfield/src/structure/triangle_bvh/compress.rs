@@ -12,7 +12,7 @@ pub(super) const LEAF: u32 = 3;
 /// Boxes are wider than on the CPU by this many longest sides of the bounds: 2⁻¹⁹ covers the rounding of the walk's
 /// arithmetic, which is one fused step a plane and off by at most 7 · 2⁻²⁴ of them.
 const SLACK: f64 = 1.0 / (1u32 << 19) as f64;
-/// Bit of `meta` from which on children that are nodes stand.
+/// Bit of `slots` from which on children that are nodes stand.
 const FIRST_NODE_BIT: u8 = 24;
 /// Steps of a box along each axis.
 const STEPS: f64 = 255.0;
@@ -32,7 +32,7 @@ pub struct CompressedNode {
     pub first_triangle: u32,
     /// What is in each slot: of a node, 1 in the three highest bits and 24 plus the slot in the others; of a leaf, a bit a
     /// triangle and the first one; 0 for nothing.
-    pub meta: [u8; WIDTH],
+    pub slots: [u8; WIDTH],
     /// Smallest x of each slot in steps from the origin, and smallest y.
     pub low_xy: [[u8; WIDTH]; 2],
     /// Smallest z, largest x.
@@ -62,8 +62,8 @@ impl CompressedNode {
 
     /// The node in a slot, or the triangles; `None` for nothing.
     pub(super) fn content(&self, slot: usize) -> Option<Content> {
-        let meta = self.meta[slot];
-        let (first, bits) = (meta & 31, u32::from(meta >> 5));
+        let slots = self.slots[slot];
+        let (first, bits) = (slots & 31, u32::from(slots >> 5));
         if bits == 0 {
             return None;
         }
@@ -105,12 +105,12 @@ pub(super) fn compress(wide: Option<(Vec<u32>, WideTree)>, prepared: &PreparedTr
             set_bounds(&mut made, slot, child, slack);
             if child.n_triangles == 0 {
                 made.steps |= 1 << (24 + slot);
-                made.meta[slot] = 1 << 5 | (FIRST_NODE_BIT + slot as u8);
+                made.slots[slot] = 1 << 5 | (FIRST_NODE_BIT + slot as u8);
                 pending.push((child.first as usize, compressed.nodes.len()));
                 compressed.nodes.push(CompressedNode::zeroed());
             } else {
                 let first = (compressed.triangles.len() as u32 - made.first_triangle) as u8;
-                made.meta[slot] = ((1 << child.n_triangles) - 1) << 5 | first;
+                made.slots[slot] = ((1 << child.n_triangles) - 1) << 5 | first;
                 let places = child.first..child.first + child.n_triangles;
                 let triangle = |place: u32| prepared.as_slice()[order[place as usize] as usize];
                 compressed.triangles.extend(places.map(triangle));
