@@ -9,12 +9,12 @@ use glam::{DVec3, Vec3};
 use super::NAME;
 use crate::error::{FileError, Place, Result};
 use crate::io::text::{Lines, number, parsed, shown, words};
-use crate::io::{colors, empty, mesh_from_world};
+use crate::io::{Polygons, colors, empty, mesh_from_world};
 use crate::{PointCloud, TriMesh};
 
 /// Every `v` line, with colours where all have them and normals where they are one to one.
 pub(crate) fn read_cloud(bytes: &[u8]) -> Result<PointCloud> {
-    let mut object = Object::read(bytes)?;
+    let mut object = Object::default().read(bytes)?;
     let mut cloud = PointCloud::from_world(&object.positions);
     cloud.normals = object.vertex_normals();
     cloud.colors = object.take_colors();
@@ -32,14 +32,18 @@ pub(crate) struct NamedMaterials {
     pub(crate) name_of: Vec<u32>,
 }
 
-/// The faces as fans of triangles over every `v` line.
-pub(crate) fn read_mesh(bytes: &[u8]) -> Result<TriMesh> {
-    read_named(bytes).map(|(mesh, _)| mesh)
+/// The faces as triangles over every `v` line.
+pub(crate) fn read_mesh(bytes: &[u8], polygons: Polygons) -> Result<TriMesh> {
+    read_faces(bytes, polygons).map(|(mesh, _)| mesh)
 }
 
-/// As [`read_mesh`], with the name of each triangle's material.
+/// The faces as fans of triangles, with the name of each triangle's material.
 pub(crate) fn read_named(bytes: &[u8]) -> Result<(TriMesh, NamedMaterials)> {
-    let mut object = Object::read(bytes)?;
+    read_faces(bytes, Polygons::Fans)
+}
+
+fn read_faces(bytes: &[u8], polygons: Polygons) -> Result<(TriMesh, NamedMaterials)> {
+    let mut object = Object { polygons, ..Object::default() }.read(bytes)?;
     if object.triangles.is_empty() {
         return Err(FileError::new(NAME, Place::Whole, "no faces", "\"f\" lines of three or more corners").into());
     }
@@ -65,6 +69,7 @@ struct Object {
     /// The name in force.
     material: Option<u32>,
     known: HashMap<String, u32>,
+    polygons: Polygons,
 }
 
 /// An index (from 0) and the line that names it.
@@ -75,11 +80,11 @@ struct Named {
 }
 
 impl Object {
-    fn read(bytes: &[u8]) -> Result<Self> {
+    fn read(self, bytes: &[u8]) -> Result<Self> {
         if bytes.is_empty() {
             return Err(empty(NAME, "\"v\" lines").into());
         }
-        let mut object = Self::default();
+        let mut object = self;
         let mut joined: Vec<u8> = vec![];
         for (n, line) in Lines::new(bytes) {
             // A backslash at the end of a line joins it with the next.
@@ -156,7 +161,9 @@ impl Object {
                 (None, _) => fan = Some(corner),
                 (Some(_), None) => previous = Some(corner),
                 (Some(first), Some(second)) => {
-                    self.add_triangle([first, second, corner]);
+                    if n_corners == 3 || self.polygons == Polygons::Fans {
+                        self.add_triangle([first, second, corner]);
+                    }
                     previous = Some(corner);
                 }
             }
