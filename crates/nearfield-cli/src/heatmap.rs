@@ -175,9 +175,7 @@ pub(crate) fn run(args: &HeatmapArgs, common: &Common) -> Result<(), Failure> {
     let cast = Cast::all(&built, &rays, mesh.triangles.len(), &progress).map_err(Failure::Search)?;
     times.query = cast.milliseconds;
     progress.step("counting");
-    let summaries = Metric::ALL.map(|metric| {
-        Summary::of(cast.work.iter().map(|work| metric.of(work)).collect())
-    });
+    let summaries = Metric::ALL.map(|metric| Summary::of(cast.work.iter().map(|work| metric.of(work)).collect()));
     let mut map = Heatmap {
         name: file_name(&args.input),
         triangles: mesh.triangles.len() as u64,

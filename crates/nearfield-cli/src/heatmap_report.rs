@@ -159,17 +159,12 @@ pub(crate) fn json(map: &Heatmap) -> Value {
 /// The lines for people.
 pub(crate) fn lines(map: &Heatmap) -> String {
     let rays = map.work.len() as u64;
-    let on_device = map
-        .device_ms()
-        .map(|ms| format!("; {:.1} on the device's clock", mrays(rays, ms)))
-        .unwrap_or_default();
+    let on_device =
+        map.device_ms().map(|ms| format!("; {:.1} on the device's clock", mrays(rays, ms))).unwrap_or_default();
     let mut text = String::new();
     for (name, value) in [
         ("mesh", format!("{}, {} triangles", map.name, grouped(map.triangles))),
-        (
-            "rays",
-            format!("{} ({} x {}), {} hit", grouped(rays), map.size.width, map.size.height, grouped(n_hits(map))),
-        ),
+        ("rays", format!("{} ({} x {}), {} hit", grouped(rays), map.size.width, map.size.height, grouped(n_hits(map)))),
         ("device", map.device.clone()),
         ("structure", structure_line(&map.built)),
         ("time", map.times.line()),
@@ -206,8 +201,7 @@ pub(crate) fn write_csv(map: &Heatmap, w: &mut dyn Write) -> io::Result<()> {
         } else {
             write!(w, ",")?;
         }
-        let [tests, nodes, leaves, ropes] =
-            [work.triangle_tests, work.node_visits, work.leaf_visits, work.rope_steps];
+        let [tests, nodes, leaves, ropes] = [work.triangle_tests, work.node_visits, work.leaf_visits, work.rope_steps];
         writeln!(w, ",{tests},{nodes},{leaves},{ropes}")?;
     }
     Ok(())

@@ -105,7 +105,9 @@ impl StructureArgs {
             (None, None) => usual,
             (None | Some(Build::SpatialMedian), leaf) => KdTreeSettings::spatial_median(leaf.unwrap_or(MEDIAN_LEAF)),
             (Some(Build::BinnedSah), leaf) => usual.leaf_limit(leaf.unwrap_or(usual.leaf_limit)),
-            (Some(Build::ExactSah), leaf) => usual.build(KdBuild::ExactSah).leaf_limit(leaf.unwrap_or(usual.leaf_limit)),
+            (Some(Build::ExactSah), leaf) => {
+                usual.build(KdBuild::ExactSah).leaf_limit(leaf.unwrap_or(usual.leaf_limit))
+            }
         }
     }
 

@@ -77,7 +77,14 @@ impl Scale {
         }
         let middle = sorted[sorted.len() / 2];
         let logarithmic = ((middle - low) as f32) < SKEWED * (high - low) as f32;
-        Self { low: low as f32, high: high as f32, clipped: [min < low, max > high], logarithmic, whole: true, colors: COLORS }
+        Self {
+            low: low as f32,
+            high: high as f32,
+            clipped: [min < low, max > high],
+            logarithmic,
+            whole: true,
+            colors: COLORS,
+        }
     }
 
     /// As [`Scale::of`], over lengths; infinite ones do not count.

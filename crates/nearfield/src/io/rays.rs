@@ -12,7 +12,8 @@ const TEXT: &str = "rays";
 /// Columns of a table: origin and direction, and the range of t where it is not 0 to infinity.
 const WIDTHS: [u64; 2] = [6, 8];
 /// What the columns are.
-const NAMES: [&str; 8] = ["x", "y", "z", "the direction's x", "the direction's y", "the direction's z", "t_min", "t_max"];
+const NAMES: [&str; 8] =
+    ["x", "y", "z", "the direction's x", "the direction's y", "the direction's z", "t_min", "t_max"];
 
 /// Rays in the order of the file, relative to `origin`, that of the mesh they are cast into.
 ///
@@ -115,7 +116,12 @@ mod tests {
     }
 
     const TWO: [Ray; 2] = [
-        Ray { origin: Vec3::new(1.0, 2.0, 3.0), t_min: 0.0, direction: Vec3::new(0.0, 0.0, -1.0), t_max: f32::INFINITY },
+        Ray {
+            origin: Vec3::new(1.0, 2.0, 3.0),
+            t_min: 0.0,
+            direction: Vec3::new(0.0, 0.0, -1.0),
+            t_max: f32::INFINITY,
+        },
         Ray { origin: Vec3::ZERO, t_min: 0.0, direction: Vec3::new(0.5, 0.0, 0.25), t_max: f32::INFINITY },
     ];
     const TWO_AS_NUMBERS: [f32; 12] = [1.0, 2.0, 3.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.25];
