@@ -8,6 +8,7 @@ use nearfield::application::{PathParameters, PathState, SceneLayout};
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
+use nearfield::gpu::SOFTWARE_LOOP_ROUNDS;
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
 use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
@@ -410,7 +411,7 @@ fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ("RayWork", layout_of!(RayWork { triangle_tests, node_visits, leaf_visits, rope_steps })),
     ];
     let compressed =
-        layout_of!(CompressedNode { origin, steps, first_node, first_triangle, meta, low_xy, low_z_high_x, high_yz });
+        layout_of!(CompressedNode { origin, steps, first_node, first_triangle, slots, low_xy, low_z_high_x, high_yz });
     let nodes = [("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node), ("CompressedNode", compressed)];
     BTreeMap::from_iter(nodes.into_iter().chain(rays).chain([("Asked", asked), ("HitN", hit)]))
 }
@@ -544,6 +545,27 @@ fn constant(module: &naga::Module, name: &str) -> Option<f32> {
     match module.global_expressions[constant.init] {
         naga::Expression::Literal(naga::Literal::F32(value)) => Some(value),
         _ => None,
+    }
+}
+
+#[test]
+fn numbers_of_rays_are_the_same_on_both_sides() {
+    let text = |path: &str, line: &str| {
+        let source = MODULES.iter().find(|(module, _)| *module == path).unwrap().1;
+        assert!(source.contains(line), "{path} should say {line:?}");
+    };
+    let (record, ray) = ("package::query::ray_cast::record", "package::geometry::prepared_ray");
+    text("package::gpu::dispatch", &format!("const MOST_LOOP_ROUNDS = {SOFTWARE_LOOP_ROUNDS}u;"));
+    text(record, &format!("const MISS = {:#x}u;", HitRecord::MISS));
+    text(record, &format!("const INVALID = {:#x}u;", HitRecord::INVALID));
+    text(record, &format!("const ABANDONED = {:#x}u;", HitRecord::ABANDONED));
+    let module = parse(&compose(ray, &[], &[], true).unwrap()).unwrap();
+    let lateral = 1.0 / (1u32 << 19) as f32;
+    let slope = 1.0 / (1u64 << 60) as f32;
+    for (name, value) in
+        [("LATERAL", lateral), ("SMALLEST_SLOPE", slope), ("LARGEST", f32::MAX), ("MAX_COORDINATE", 1e18)]
+    {
+        assert_eq!(constant(&module, name).map(f32::to_bits), Some(value.to_bits()), "{name}");
     }
 }
 

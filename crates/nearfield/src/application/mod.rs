@@ -6,8 +6,8 @@ pub mod path_trace;
 
 pub use domain_decomposition::{Exchange, PartReport, Partition, PartitionReport, compare_curves};
 pub use path_trace::{
-    Camera, Environment, EnvironmentImage, Film, Material, PathCounters, PathSettings, PathTracer, PointLight, Scene,
-    Surface,
+    Camera, CameraFrame, Environment, EnvironmentImage, Film, Material, PathCounters, PathParameters, PathSettings,
+    PathState, PathTracer, PointLight, Scene, Surface,
 };
 #[cfg(feature = "gpu")]
 pub use path_trace::{GpuPathTracer, SceneLayout};

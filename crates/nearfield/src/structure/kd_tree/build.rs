@@ -305,6 +305,7 @@ impl Growing<'_> {
         self.pieces.truncate(right_end);
         cost += self.grow(child + 1, end, right_place);
         self.pieces.truncate(end);
+        // Source: Mitsuba.
         if builder.settings.build != KdBuild::SpatialMedian && cost >= as_leaf {
             // The hope has not come true.
             self.part.nodes.truncate(before.0);

@@ -1,6 +1,6 @@
 //! The cheapest of the planes between equal bins along each axis, and of those that cut off empty space.
 //!
-//! Source: the min-max bins of Mitsuba's kd-tree. Two counts a bin, of pieces that begin and that end there, give how many
+//! Source: Mitsuba, the bins of its kd-tree. Two counts a bin, of pieces that begin and that end there, give how many
 //! lie on either side of each plane in between.
 
 use rayon::prelude::*;

@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use super::layout::KdNode;
 use crate::geometry::{Aabb, PreparedRay, PreparedTriangle};
 use crate::structure::{CountRayWork, HitVisitor};
 
@@ -32,6 +33,13 @@ impl Course {
             start,
             end,
         })
+    }
+
+    /// The children of a node: the one before its plane, and the one beyond.
+    #[inline(always)]
+    pub(super) fn children(&self, node: &KdNode) -> [u32; 2] {
+        let is_right = u32::from(self.is_ascending[node.axis()]);
+        [node.index() + 1 - is_right, node.index() + is_right]
     }
 
     /// t at a plane, by the formula of [`PreparedRay::slabs`].

@@ -43,9 +43,13 @@ pub(super) fn walk<V: HitVisitor, W: CountRayWork>(
         while !node.is_leaf() {
             work.node_visits(1);
             let axis = node.axis();
-            let is_passed = course.plane(axis, node.split) <= t;
-            at = node.index() + u32::from(is_passed == course.is_ascending[axis]);
-            node = arrays.nodes[at as usize];
+            let [before, beyond] = course.children(&node);
+            // Two branches, not a choice of an index: a processor guesses a branch and fetches the child before t is known.
+            node = if course.plane(axis, node.split) <= t {
+                *std::hint::black_box(&arrays.nodes[beyond as usize])
+            } else {
+                arrays.nodes[before as usize]
+            };
         }
         let leaf = &arrays.leaves[node.index() as usize];
         let ahead = |axis: usize| if course.is_ascending[axis] { leaf.max[axis] } else { leaf.min[axis] };

@@ -35,8 +35,7 @@ pub(super) fn walk<V: HitVisitor, W: CountRayWork>(
             work.node_visits(1);
             let axis = node.axis();
             let plane = course.plane(axis, node.split);
-            let [before, beyond] = [!course.is_ascending[axis], course.is_ascending[axis]]
-                .map(|is_right| node.index() + u32::from(is_right));
+            let [before, beyond] = course.children(&node);
             at = if plane <= enter {
                 beyond
             } else {
