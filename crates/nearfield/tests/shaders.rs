@@ -374,7 +374,7 @@ fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ("RayWork", layout_of!(RayWork { triangle_tests, node_visits, leaf_visits, rope_steps })),
     ];
     let compressed =
-        layout_of!(CompressedNode { origin, steps, first_node, first_triangle, meta, low_xy, low_z_high_x, high_yz });
+        layout_of!(CompressedNode { origin, steps, first_node, first_triangle, slots, low_xy, low_z_high_x, high_yz });
     let nodes = [("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node), ("CompressedNode", compressed)];
     BTreeMap::from_iter(nodes.into_iter().chain(rays).chain([("Asked", asked), ("HitN", hit)]))
 }
