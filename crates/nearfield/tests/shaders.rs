@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
 use std::sync::OnceLock;
 
+use nearfield::application::{PathParameters, PathState, SceneLayout};
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
@@ -332,7 +333,41 @@ fn twins() -> BTreeMap<&'static str, Layout> {
     let sweep = layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
     let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
     let search = layout_of!(SearchN { n_points, depth, count, first, exclude_self, own_points, padding_0, padding_1 });
+    let scene = layout_of!(SceneLayout {
+        margin,
+        emitter_share,
+        environment_share,
+        columns,
+        rows,
+        n_emitters,
+        n_points,
+        n_texels,
+        emitter_sums,
+        point_sums,
+        texel_sums,
+        row_cosines,
+        materials,
+        points,
+        texels,
+        padding
+    });
+    let paths = with_single_words(layout_of!(PathParameters {
+        camera,
+        width,
+        height,
+        first_pixel,
+        n_paths,
+        sample,
+        seed,
+        depth,
+        most_depth,
+        roulette_depth,
+        next_event,
+        padding
+    }));
     BTreeMap::from([
+        ("SceneLayout", scene),
+        ("PathParameters", paths),
         ("SearchN", search),
         ("OctreeLayout", octree),
         ("TreeLayout", layout_of!(TreeLayout { period, n_points, inverse_period, depth })),
@@ -371,6 +406,7 @@ fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ("KdNode", layout_of!(KdNode { split, link })),
         ("KdLeaf", layout_of!(KdLeaf { min, first, max, count, ropes, padding_0, padding_1 })),
         ("HitRecord", layout_of!(HitRecord { triangle, t, weights })),
+        ("PathState", layout_of!(PathState { origin, slot, direction, density, throughput, eta_scale })),
         ("RayWork", layout_of!(RayWork { triangle_tests, node_visits, leaf_visits, rope_steps })),
     ];
     let compressed =

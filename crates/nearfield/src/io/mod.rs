@@ -9,6 +9,7 @@
 
 mod colors;
 mod columns;
+mod exr;
 mod format;
 mod guard;
 mod las;
@@ -26,8 +27,10 @@ mod text;
 mod vtp;
 mod xyz;
 
+pub use exr::write_exr;
 pub use format::{FORMATS, Format, FormatInfo};
 pub use npy::{NpyArray, write_npz};
+pub use obj::{MeshMaterials, MtlMaterial, parse_mtl, read_obj_materials};
 pub use open::{parse_cloud, parse_mesh, read_cloud, read_mesh};
 pub use radii::parse_radii;
 pub use save::{WriteOptions, WriteSeek, write_atomically, write_cloud, write_mesh};
