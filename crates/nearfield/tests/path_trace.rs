@@ -4,8 +4,8 @@
 use nearfield::application::{EnvironmentImage, PathCounters, PointLight};
 use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::{
-    BruteForceMesh, Camera, Environment, Error, Film, Material, PathSettings, PathTracer, Ray, RaySearch, Scene,
-    Surface, TriMesh,
+    BruteForceMesh, BvhSettings, Camera, Environment, Error, Film, KdTraversal, KdTree, KdTreeSettings, Material,
+    PathSettings, PathTracer, Ray, RaySearch, Scene, Surface, TriMesh, TriangleBvh,
 };
 use nearfield::{DVec3, Vec3};
 
@@ -315,9 +315,15 @@ fn every_structure_gives_the_same_picture_bit_for_bit() {
     }
 }
 
-/// Every structure of the CPU that rays can be cast into.
+/// Every structure of the CPU that rays can be cast into, in every way it is searched.
 fn ray_structures(mesh: &TriMesh) -> Vec<Box<dyn RaySearch>> {
-    vec![Box::new(BruteForceMesh::build(mesh).unwrap().within_box())]
+    let kd_tree = KdTree::build(mesh, &KdTreeSettings::default()).unwrap();
+    vec![
+        Box::new(BruteForceMesh::build(mesh).unwrap().within_box()),
+        Box::new(kd_tree.clone().with_traversal(KdTraversal::Stack)),
+        Box::new(kd_tree.with_traversal(KdTraversal::Ropes)),
+        Box::new(TriangleBvh::build(mesh, &BvhSettings::default()).unwrap()),
+    ]
 }
 
 #[test]

@@ -5,9 +5,10 @@ mod support;
 use libtest_mimic::{Arguments, Trial};
 use nearfield::application::{EnvironmentImage, PointLight};
 use nearfield::gpu::Gpu;
+use nearfield::structure::GpuRayStructure;
 use nearfield::{
-    BruteForceMesh, Environment, Film, GpuBruteForceMesh, GpuPathTracer, Material, PathSettings, PathTracer, Scene,
-    Surface, Vec3,
+    BruteForceMesh, BvhSettings, Environment, Film, GpuBruteForceMesh, GpuKdTree, GpuPathTracer, GpuTriangleBvh,
+    KdTreeSettings, Material, PathSettings, PathTracer, Scene, Surface, Vec3,
 };
 use support::gpu_trial;
 
@@ -45,8 +46,11 @@ fn on_cpu(scene: &Scene, settings: PathSettings, samples: u32) -> Film {
 }
 
 fn on_gpu(gpu: &Gpu, scene: &Scene, settings: PathSettings, samples: u32) -> Film {
-    let structure = GpuBruteForceMesh::build(gpu, &scene.mesh).unwrap();
-    let mut tracer = GpuPathTracer::new(scene.clone(), &structure, settings, SIDE, SIDE).unwrap();
+    render_over(&GpuBruteForceMesh::build(gpu, &scene.mesh).unwrap(), scene, settings, samples)
+}
+
+fn render_over<S: GpuRayStructure>(structure: &S, scene: &Scene, settings: PathSettings, samples: u32) -> Film {
+    let mut tracer = GpuPathTracer::new(scene.clone(), structure, settings, SIDE, SIDE).unwrap();
     (0..samples).for_each(|_| tracer.render_pass().unwrap());
     assert_eq!(tracer.samples(), samples);
     tracer.film().unwrap()
@@ -90,5 +94,17 @@ fn main() {
             assert!(differ <= 0.02 && mean <= 5e-3, "{differ} of the pixels differ, the mean by {mean}");
         }));
     }
+    trials.push(gpu_trial("every_structure_of_the_device_gives_the_picture_of_the_cpu", |gpu| {
+        let (scene, settings) = (everything(), PathSettings::default());
+        let expected = on_cpu(&scene, settings, SAMPLES);
+        let kd_tree = GpuKdTree::build(gpu, &scene.mesh, &KdTreeSettings::default()).unwrap();
+        let bvh = GpuTriangleBvh::build(gpu, &scene.mesh, &BvhSettings::default()).unwrap();
+        let films = [render_over(&kd_tree, &scene, settings, SAMPLES), render_over(&bvh, &scene, settings, SAMPLES)];
+        for (film, name) in films.iter().zip(["kd-tree", "triangle-bvh"]) {
+            let (differ, mean) = difference(&expected, film);
+            println!("{name}: {differ:.4} of the pixels differ, the mean by {mean:.2e}");
+            assert!(differ <= 0.02 && mean <= 5e-3, "{name}: {differ} of the pixels differ, the mean by {mean}");
+        }
+    }));
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
