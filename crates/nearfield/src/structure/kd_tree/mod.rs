@@ -27,7 +27,6 @@ mod cpu;
 mod gpu;
 mod layout;
 mod ropes;
-#[cfg(feature = "gpu")]
 mod settings;
 mod split_binned;
 mod split_events;
