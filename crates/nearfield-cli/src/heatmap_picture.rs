@@ -11,7 +11,7 @@ pub(crate) fn draw(map: &Heatmap, colors: Colors) -> Image {
     let scale = Scale::up_to(all.max, colors);
     let raster: Vec<[u8; 3]> = values.map(|value| scale.color(value)).collect();
     let touched = match &map.summaries[map.metric as usize].touched {
-        Some(touched) => format!(", mean {:.1} where there are any", touched.mean),
+        Some(touched) => format!(", mean {:.1} of touched pixels", touched.mean),
         None => String::new(),
     };
     let scene = Scene {
@@ -21,7 +21,7 @@ pub(crate) fn draw(map: &Heatmap, colors: Colors) -> Image {
         focus: &[],
         up: Up::Y,
         title: format!("{}: {}", map.name, map.built.plan.describe()),
-        subtitle: format!("{} a pixel: at most {}{touched}", map.metric.name(), grouped(all.max.into())),
+        subtitle: format!("{}: max {}{touched}", map.metric.name(), grouped(all.max.into())),
         bar: Some(Bar { label: map.metric.short().to_owned(), scale }),
         swatches: vec![],
     };

@@ -160,7 +160,7 @@ pub(crate) fn json(map: &Heatmap) -> Value {
 pub(crate) fn lines(map: &Heatmap) -> String {
     let rays = map.work.len() as u64;
     let on_device =
-        map.device_ms().map(|ms| format!("; {:.1} on the device's clock", mrays(rays, ms))).unwrap_or_default();
+        map.device_ms().map(|ms| format!("; {:.2} on the device's clock", mrays(rays, ms))).unwrap_or_default();
     let mut text = String::new();
     for (name, value) in [
         ("mesh", format!("{}, {} triangles", map.name, grouped(map.triangles))),

@@ -152,7 +152,8 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
 /// What is wrong with the command line, in one line.
 fn usage_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "say what to do: demo, neighbors, info, convert, generate, sort, octree, devices, formats or completions; \
+        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, info, convert, generate, sort, devices, \
+                formats or completions; \
                 `nearfield --help` explains"
             .to_owned();
     }

@@ -50,6 +50,6 @@ mod tests {
             assert_eq!(image.pixels[(76 + i / 200) * 390 + 30 + i % 200], color, "pixel {i}");
         }
         // The bar beside it goes up to red.
-        assert!(image.pixels.iter().any(|&pixel| pixel == [255, 0, 0]));
+        assert!(image.pixels.contains(&[255, 0, 0]));
     }
 }
