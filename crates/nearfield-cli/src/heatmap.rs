@@ -104,6 +104,11 @@ impl Metric {
         ["triangle tests", "node visits", "leaf visits", "rope steps"][self as usize]
     }
 
+    /// A name that fits above the colour bar.
+    pub(crate) fn short(self) -> &'static str {
+        ["tests", "node visits", "leaf visits", "rope steps"][self as usize]
+    }
+
     fn of(self, work: &RayWork) -> u32 {
         [work.triangle_tests, work.node_visits, work.leaf_visits, work.rope_steps][self as usize]
     }

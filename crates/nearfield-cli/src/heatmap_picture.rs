@@ -22,7 +22,7 @@ pub(crate) fn draw(map: &Heatmap, colors: Colors) -> Image {
         up: Up::Y,
         title: format!("{}: {}", map.name, map.built.plan.describe()),
         subtitle: format!("{} a pixel: at most {}{touched}", map.metric.name(), grouped(all.max.into())),
-        bar: Some(Bar { label: map.metric.name().to_owned(), scale }),
+        bar: Some(Bar { label: map.metric.short().to_owned(), scale }),
         swatches: vec![],
     };
     picture::draw_raster(&raster, &scene, map.size)

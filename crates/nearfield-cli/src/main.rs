@@ -16,6 +16,7 @@ mod heatmap_picture;
 mod heatmap_report;
 mod info;
 mod input;
+mod interrupt;
 mod lists;
 mod neighbors;
 mod neighbors_answer;
@@ -29,6 +30,10 @@ mod output;
 mod picture;
 mod progress;
 mod ray_structure;
+mod raycast;
+mod raycast_file;
+mod render;
+mod render_picture;
 mod report;
 mod sort;
 mod sort_picture;
@@ -68,6 +73,8 @@ enum Verb {
     Neighbors(Box<neighbors::NeighborsArgs>),
     Octree(Box<octree::OctreeArgs>),
     Heatmap(Box<heatmap::HeatmapArgs>),
+    Raycast(Box<raycast::RaycastArgs>),
+    Render(Box<render::RenderArgs>),
     Info(info::InfoArgs),
     Convert(convert::ConvertArgs),
     Generate(generate::GenerateArgs),
@@ -130,6 +137,8 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Neighbors(args) => neighbors::run(args, common),
         Verb::Octree(args) => octree::run(args, common),
         Verb::Heatmap(args) => heatmap::run(args, common),
+        Verb::Raycast(args) => raycast::run(args, common),
+        Verb::Render(args) => render::run(args, common),
         Verb::Info(args) => info::run(args, common),
         Verb::Convert(args) => convert::run(args, common),
         Verb::Generate(args) => generate::run(args, common),

@@ -3,7 +3,9 @@
 //! - [`growth`]: 750 × 750 primary rays against the number of triangles, all structures, with Accel's figures;
 //! - [`shares`]: build, copy to the device and traversal, for Accel's trees and ours;
 //! - [`speed`]: primary rays, diffuse bounces, shadow rays and all hits on the Stanford bunny, and the build of a tree
-//!   over a million triangles, with this library's targets.
+//!   over a million triangles, with this library's targets;
+//! - [`paths`]: iterations of a path tracer on Accel's bunny in a room;
+//! - [`embree`]: hits and times beside Embree's, where its program is given.
 //!
 //! Every ray of every row is compared with the answer of the CPU, and that with brute force on a sample of the rays
 //! ([`check`]). Source: the README of Accel (Newlin and Rerucha). Differs: its times are of one run and on the GPU with
@@ -14,6 +16,7 @@ pub mod embree;
 pub mod growth;
 pub mod meshes;
 pub mod method;
+pub mod paths;
 pub mod published;
 pub mod rows;
 pub mod shares;
@@ -42,6 +45,8 @@ pub enum Part {
     Shares,
     /// The speed table and the build of a large tree.
     Speed,
+    /// Iterations of the path tracer.
+    Paths,
 }
 
 /// Arguments of the subcommand.
@@ -60,7 +65,7 @@ pub struct Arguments {
     #[arg(long)]
     pub data: Option<PathBuf>,
     /// Parts, such as speed,shares
-    #[arg(long, value_delimiter = ',', default_value = "triangles,shares,speed")]
+    #[arg(long, value_delimiter = ',', default_value = "speed,shares,paths,triangles")]
     pub parts: Vec<Part>,
     /// Timed runs of a row at most; with it the GPU is not warmed up
     #[arg(long)]
@@ -177,12 +182,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let machine = &lab.machine;
     println!("commit {COMMIT}; GPU: {} ({}); host: {}\n\n{}", machine.name, machine.driver, machine.host, Row::head());
-    for part in [Part::Speed, Part::Shares, Part::Triangles] {
+    for part in [Part::Speed, Part::Shares, Part::Paths, Part::Triangles] {
         if arguments.parts.contains(&part) {
             match part {
                 Part::Triangles => growth::measure(&mut lab),
                 Part::Shares => shares::measure(&mut lab),
                 Part::Speed => speed::measure(&mut lab),
+                Part::Paths => paths::measure(&mut lab),
             }?;
             rows::save(&folder.join("rays.csv"), &lab.rows, &lab.machine.driver)?;
         }

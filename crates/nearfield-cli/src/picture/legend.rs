@@ -235,7 +235,8 @@ mod tests {
         let mut values: Vec<u32> = (0..1000).map(|i| 10 + i % 20).collect();
         values.push(100_000);
         let scale = Scale::of(&values);
-        assert_eq!(scale, Scale { low: 10.0, high: 29.0, clipped: [false, true], logarithmic: false, whole: true });
+        let (clipped, colors) = ([false, true], Colors::Perceptual);
+        assert_eq!(scale, Scale { low: 10.0, high: 29.0, clipped, logarithmic: false, whole: true, colors });
         assert_eq!(ticks(&scale).last().unwrap().1, ">=29");
         assert_eq!(scale.color(100_000), scale.color(29));
     }

@@ -12,11 +12,12 @@ use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::geometry::{LocalHit, PreparedRay};
 use nearfield::gpu::{DeviceChoice, Gpu};
 use nearfield::structure::{BuildStage, CountRayWork, HitVisitor, PreparedTriangles, RayStructure};
-use nearfield::{BruteForceMesh, HitRecord, Ray, RaySearch};
+use nearfield::{BruteForceMesh, HitRecord, Ray, RaySearch, Vec3};
 use nearfield_bench::measure::Effort;
 use nearfield_bench::provenance::COMMIT;
 use nearfield_bench::rays::check::{Answer, Expected, ask};
 use nearfield_bench::rays::method::{self, Method, Search};
+use nearfield_bench::rays::paths::check_picture;
 use nearfield_bench::rays::rows::COLUMNS;
 use nearfield_bench::rays::shots::{self, Question};
 use nearfield_bench::rays::{self, Part};
@@ -39,6 +40,7 @@ fn main() {
         trial("a spent budget leaves rows out and says so", a_spent_budget_is_said),
         trial("a structure that loses hits is stopped", a_structure_that_loses_hits_is_stopped),
         trial("a planted wrong answer is found", planted_answers_are_found),
+        trial("a planted wrong picture is found", planted_pictures_are_found),
         trial("settings that mean nothing are refused", bad_settings_are_refused),
     ];
     libtest_mimic::run(&Arguments::from_args(), tests).exit();
@@ -68,7 +70,7 @@ fn arguments(device: DeviceChoice, folder: &Folder) -> rays::Arguments {
         // A budget that leaves nothing out.
         budget: 1e6,
         data: None,
-        parts: vec![Part::Triangles, Part::Shares, Part::Speed],
+        parts: vec![Part::Triangles, Part::Shares, Part::Speed, Part::Paths],
         repeat: Some(1),
         embree: None,
         output: folder.0.clone(),
@@ -139,6 +141,12 @@ fn experiments_are_complete(device: DeviceChoice, gpu: Option<&Gpu>) {
     assert!(of_part("speed").iter().all(|r| number(r, "mrays_per_s") > 0.0));
     assert_eq!(of_part("build").len(), 2);
 
+    let paths = of_part("paths");
+    assert_eq!(paths.len(), methods.len() - 1, "all structures but the walk with a stack");
+    for row in paths {
+        assert!(row[column("note")].starts_with("168 iterations of 36 × 36 in "), "{row:?}");
+    }
+
     let side = ["triangles.svg", "shares-cpu.svg"];
     for plot in side.into_iter().chain(gpu.map(|_| "shares-gpu.svg")) {
         let svg = fs::read_to_string(folder.0.join(plot)).expect(plot);
@@ -169,6 +177,18 @@ fn bad_settings_are_refused() {
         let error = rays::run(&arguments).unwrap_err().to_string();
         assert!(error.contains("expected a number above 0"), "{error}");
     }
+}
+
+fn planted_pictures_are_found() {
+    let right: Vec<Vec3> = (0..200).map(|i| Vec3::splat(i as f32)).collect();
+    let with = |n: usize| right.iter().enumerate().map(|(i, &v)| if i < n { v + 1.0 } else { v }).collect::<Vec<_>>();
+    for (found, cpu, gpu) in [(with(0), true, true), (with(1), false, true), (with(5), false, false)] {
+        assert_eq!(check_picture(&found, &right, false).is_ok(), cpu);
+        assert_eq!(check_picture(&found, &right, true).is_ok(), gpu);
+    }
+    let black = vec![Vec3::ZERO; 200];
+    assert!(check_picture(&black, &black, true).is_err(), "a black picture");
+    assert!(check_picture(&right[1..], &right, true).is_err(), "a pixel too few");
 }
 
 /// Brute force that does not test the last third of the triangles.
