@@ -57,7 +57,8 @@ fn work(gpu: &Gpu) {
     };
     let most = on_device.iter().map(rounds).max().unwrap();
     if gpu.limits().loop_rounds.is_some() {
-        assert!((most..60_000).contains(&tree.most_rounds()), "{most} rounds, {} foreseen", tree.most_rounds());
+        // Four of them a round.
+        assert!((most / 4..60_000).contains(&tree.most_rounds()), "{most} rounds, {} foreseen", tree.most_rounds());
     }
 }
 
