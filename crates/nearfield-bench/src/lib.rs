@@ -14,6 +14,7 @@ pub mod paper;
 pub mod plots;
 pub mod primitives;
 pub mod provenance;
+pub mod rays;
 pub mod sets;
 
 /// Any failure: the library's, a file's, or an answer that [`check`] refuses.

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
-use nearfield_bench::{Result, baselines, curve, device, grid, octree, paper, primitives};
+use nearfield_bench::{Result, baselines, curve, device, grid, octree, paper, primitives, rays};
 
 /// Measure Nearfield on this machine.
 #[derive(Parser)]
@@ -25,6 +25,8 @@ enum Command {
     Octree(octree::Arguments),
     /// The experiments of the paper on moving points: CSV files, plots and a summary beside its figures
     Paper(paper::Arguments),
+    /// The experiments of Accel on its kd-tree, and the speed of rays: a CSV file and plots
+    Rays(rays::Arguments),
     /// Approximate and other libraries' searches, with recall beside their times
     Baselines(baselines::Arguments),
     /// Times of keys along the curves and of relations between octants on one device
@@ -47,6 +49,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Command::Grid(arguments) => grid::run(&arguments),
         Command::Octree(arguments) => octree::run(&arguments),
         Command::Paper(arguments) => paper::run(&arguments),
+        Command::Rays(arguments) => rays::run(&arguments),
         Command::Baselines(arguments) => baselines::run(&arguments),
         Command::Curve { device } => match Machine::open(&device)?.device {
             Device::Cpu => Ok(curve::run_on_cpu()?),

@@ -19,6 +19,12 @@ pub(crate) fn viridis(t: f32) -> [u8; 3] {
     })
 }
 
+/// Accel's scale: green for nothing, red for the most. `t` in 0 … 1.
+pub(crate) fn green_to_red(t: f32) -> [u8; 3] {
+    let red = (t.clamp(0.0, 1.0) * 255.0).round() as u8;
+    [red, 255 - red, 0]
+}
+
 /// A bright colour of its own for every number.
 pub(crate) fn distinct(number: u64) -> [u8; 3] {
     // The finaliser of SplitMix64: neighbouring numbers get unrelated hues.
@@ -80,6 +86,11 @@ mod tests {
                 assert!(found[c].abs_diff(expected[c]) <= 6, "{t}: {found:?}, expected {expected:?}");
             }
         }
+    }
+
+    #[test]
+    fn accels_scale_goes_from_green_to_red() {
+        assert_eq!([0.0, 0.2, 1.0, 7.0].map(green_to_red), [[0, 255, 0], [51, 204, 0], [255, 0, 0], [255, 0, 0]]);
     }
 
     #[test]

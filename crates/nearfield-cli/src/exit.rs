@@ -1,7 +1,7 @@
 //! From what went wrong to one line on standard error and an exit code.
 //!
 //! 0 ok · 2 usage · 65 bad data · 66 no input · 69 no device · 70 internal · 73 cannot create · 74 input or output ·
-//! 75 out of memory, a smaller request may do.
+//! 75 out of memory, a smaller request may do · 130 interrupted, what there was is written.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -21,6 +21,8 @@ pub(crate) enum Failure {
     Search(Error),
     /// Answers that must be equal differ.
     Disagreement(String),
+    /// The user ended the work; what there was is written.
+    Interrupted(String),
     /// The reader of our standard output had enough.
     ClosedPipe,
 }
@@ -48,7 +50,7 @@ impl Failure {
     /// The line for the user, without its prefix; `None` where there is nobody to tell.
     pub(crate) fn message(&self) -> Option<String> {
         let text = match self {
-            Self::Usage(text) | Self::Disagreement(text) => text.clone(),
+            Self::Usage(text) | Self::Disagreement(text) | Self::Interrupted(text) => text.clone(),
             // These two name their file themselves.
             Self::Read(_, error @ (Error::Io { .. } | Error::File(_))) => error.to_string(),
             Self::Read(path, error) => format!("{}: {error}", shown(path)),
@@ -65,6 +67,7 @@ impl Failure {
             Self::ClosedPipe => 0,
             Self::Usage(_) => 2,
             Self::Disagreement(_) => 70,
+            Self::Interrupted(_) => 130,
             Self::Read(_, Error::Io { source, .. }) => match source.kind() {
                 NotFound | PermissionDenied | IsADirectory => 66,
                 _ => 74,
@@ -82,7 +85,7 @@ impl Failure {
 fn code_of(error: &Error) -> u8 {
     match error {
         Error::NonFinite { .. } | Error::CoordinateTooLarge { .. } | Error::File(_) => 65,
-        Error::LengthMismatch { .. } | Error::TooMany { .. } => 65,
+        Error::LengthMismatch { .. } | Error::TooMany { .. } | Error::NoTriangles { .. } => 65,
         Error::InvalidRadius { .. } | Error::InvalidSetting { .. } | Error::Unsupported { .. } => 2,
         Error::OutOfMemory { .. } | Error::OutOfDeviceMemory { .. } => 75,
         Error::NoDevice { .. } | Error::DeviceLost { .. } | Error::Device { .. } => 69,

@@ -3,8 +3,8 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use nearfield::io::{Format, parse_cloud, parse_mesh, parse_radii};
-use nearfield::{Error, PointCloud, TriMesh};
+use nearfield::io::{Format, Polygons, parse_cloud, parse_mesh_with, parse_radii, parse_rays};
+use nearfield::{DVec3, Error, PointCloud, Ray, TriMesh};
 
 use crate::exit::Failure;
 use crate::options::Common;
@@ -52,7 +52,22 @@ impl Input {
         if !self.format.info().reads_mesh {
             return Ok(None);
         }
-        match parse_mesh(&self.bytes, self.format) {
+        self.faces(Polygons::Fans)
+    }
+
+    /// The mesh, where nothing but a mesh will do.
+    pub(crate) fn surface(&self, polygons: Polygons) -> Result<TriMesh, Failure> {
+        match self.faces(polygons)? {
+            Some(mesh) => Ok(mesh),
+            None => {
+                let vertices = self.cloud().map_or(0, |cloud| cloud.len() as u64);
+                Err(Failure::Read(self.path.clone(), Error::NoTriangles { vertices }))
+            }
+        }
+    }
+
+    fn faces(&self, polygons: Polygons) -> Result<Option<TriMesh>, Failure> {
+        match parse_mesh_with(&self.bytes, self.format, polygons) {
             Ok(mesh) if mesh.triangles.is_empty() => Ok(None),
             Ok(mesh) => Ok(Some(mesh)),
             Err(Error::File(error)) if NO_FACES.contains(&error.found.as_str()) => Ok(None),
@@ -101,6 +116,11 @@ pub(crate) fn radii(path: &Path, n_queries: usize, common: &Common) -> Result<Ve
         return Err(Failure::Read(path.to_owned(), Error::LengthMismatch { what, found, expected }));
     }
     Ok(radii)
+}
+
+/// Rays into a mesh of this origin.
+pub(crate) fn rays(path: &Path, origin: DVec3, common: &Common) -> Result<Vec<Ray>, Failure> {
+    parse_rays(&contents(path, common)?, origin).map_err(|e| failure(path, e))
 }
 
 /// A file that is not there is worth saying before its extension.

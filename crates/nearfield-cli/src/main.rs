@@ -11,8 +11,12 @@ mod devices;
 mod exit;
 mod formats;
 mod generate;
+mod heatmap;
+mod heatmap_picture;
+mod heatmap_report;
 mod info;
 mod input;
+mod interrupt;
 mod lists;
 mod neighbors;
 mod neighbors_answer;
@@ -25,6 +29,11 @@ mod options;
 mod output;
 mod picture;
 mod progress;
+mod ray_structure;
+mod raycast;
+mod raycast_file;
+mod render;
+mod render_picture;
 mod report;
 mod sort;
 mod sort_picture;
@@ -48,7 +57,7 @@ use options::Common;
   nearfield neighbors scan.ply --radius 0.5% --picture scan.png
 
 Exit codes: 0 ok, 2 usage, 65 bad data, 66 no input, 69 no device, 70 internal error, 73 output cannot be created,
-74 reading or writing failed, 75 out of memory (a smaller request may do)."
+74 reading or writing failed, 75 out of memory (a smaller request may do), 130 interrupted (the picture so far is written)."
 )]
 struct Arguments {
     #[command(flatten)]
@@ -63,6 +72,9 @@ enum Verb {
     Demo(demo::DemoArgs),
     Neighbors(Box<neighbors::NeighborsArgs>),
     Octree(Box<octree::OctreeArgs>),
+    Heatmap(Box<heatmap::HeatmapArgs>),
+    Raycast(Box<raycast::RaycastArgs>),
+    Render(Box<render::RenderArgs>),
     Info(info::InfoArgs),
     Convert(convert::ConvertArgs),
     Generate(generate::GenerateArgs),
@@ -124,6 +136,9 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Demo(args) => demo::run(args, common),
         Verb::Neighbors(args) => neighbors::run(args, common),
         Verb::Octree(args) => octree::run(args, common),
+        Verb::Heatmap(args) => heatmap::run(args, common),
+        Verb::Raycast(args) => raycast::run(args, common),
+        Verb::Render(args) => render::run(args, common),
         Verb::Info(args) => info::run(args, common),
         Verb::Convert(args) => convert::run(args, common),
         Verb::Generate(args) => generate::run(args, common),

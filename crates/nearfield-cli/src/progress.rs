@@ -60,3 +60,37 @@ impl Drop for Progress {
         }
     }
 }
+
+/// A bar on standard error for work whose steps can be counted, and nothing where nobody watches.
+pub(crate) struct CountBar {
+    shown: Option<ProgressBar>,
+}
+
+impl CountBar {
+    /// Starts at none of `total` steps, called `unit`.
+    pub(crate) fn start(common: &Common, total: u64, unit: &str) -> Self {
+        if common.quiet || !std::io::stderr().is_terminal() {
+            return Self { shown: None };
+        }
+        let template = format!("{{bar:40}} {{pos}}/{{len}} {unit}, {{msg}} ({{elapsed}}, {{eta}} left)");
+        let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr()).with_style(style);
+        Self { shown: Some(bar) }
+    }
+
+    /// Shows how many steps are done, and a few words.
+    pub(crate) fn show(&self, done: u64, words: &str) {
+        if let Some(bar) = &self.shown {
+            bar.set_message(words.to_owned());
+            bar.set_position(done);
+        }
+    }
+}
+
+impl Drop for CountBar {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.shown {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use nearfield::query::{Clock, Stage};
 use nearfield::{Report, query::Summary};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use crate::exit::Failure;
 
@@ -39,6 +39,17 @@ impl Times {
         self.upload += upload;
         self.read_back += read_back;
         self.query += (wall - upload - read_back).max(0.0);
+    }
+
+    /// A number of milliseconds a stage.
+    pub(crate) fn json(&self) -> Value {
+        Value::Object(self.named().into_iter().map(|(name, ms)| (name.to_owned(), rounded(ms))).collect())
+    }
+
+    /// The stages one after the other, for people.
+    pub(crate) fn line(&self) -> String {
+        let shown = self.named().into_iter().filter(|&(name, ms)| ms > 0.0 || !matches!(name, "open" | "picture"));
+        shown.map(|(name, ms)| format!("{} {}", name.replace('_', " "), shown_ms(ms))).collect::<Vec<_>>().join(", ")
     }
 
     fn named(&self) -> [(&'static str, f64); 8] {
@@ -120,8 +131,6 @@ pub(crate) struct SearchSummary {
 impl SearchSummary {
     /// The object that `--json` prints.
     pub(crate) fn json(&self) -> Value {
-        let milliseconds: Map<String, Value> =
-            self.times.named().into_iter().map(|(name, ms)| (name.to_owned(), rounded(ms))).collect();
         let stage = |s: &Stage| {
             let clock = if s.clock == Clock::Device { "device" } else { "host" };
             json!({ "name": s.name, "milliseconds": rounded(s.milliseconds), "clock": clock })
@@ -150,7 +159,7 @@ impl SearchSummary {
             "search": self.report.search,
             "kernels": self.report.kernels,
             "batches": self.report.batches,
-            "milliseconds": milliseconds,
+            "milliseconds": self.times.json(),
             "build_stages": self.build_stages.iter().map(stage).collect::<Vec<_>>(),
             "query_stages": self.report.stages.iter().map(stage).collect::<Vec<_>>(),
             "memory_bytes": self.memory_bytes,
@@ -161,13 +170,6 @@ impl SearchSummary {
     /// The lines for people.
     pub(crate) fn lines(&self) -> String {
         let n = &self.neighbors;
-        let times: Vec<String> = self
-            .times
-            .named()
-            .into_iter()
-            .filter(|&(name, ms)| ms > 0.0 || !matches!(name, "open" | "picture"))
-            .map(|(name, ms)| format!("{} {}", name.replace('_', " "), shown_ms(ms)))
-            .collect();
         let batches = match self.report.batches {
             0 | 1 => String::new(),
             n => format!(", {n} batches"),
@@ -191,7 +193,7 @@ impl SearchSummary {
             ),
         ]);
         rows.extend(self.report.reason.clone().map(|reason| ("reason", reason)));
-        rows.push(("time", times.join(", ")));
+        rows.push(("time", self.times.line()));
         let mut text = String::new();
         for (name, value) in rows {
             text += &format!("{name:<12}{value}\n");

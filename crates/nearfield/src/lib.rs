@@ -28,7 +28,9 @@ pub mod parallel;
 pub mod query;
 pub mod structure;
 
-pub use application::Partition;
+#[cfg(feature = "gpu")]
+pub use application::GpuPathTracer;
+pub use application::{Camera, Environment, Film, Material, Partition, PathSettings, PathTracer, Scene, Surface};
 pub use curve::{Curve, Domain, Octant};
 pub use error::{Error, Result};
 pub use geometry::{Aabb, PointCloud, Ray, Sphere, TriMesh, Triangle};

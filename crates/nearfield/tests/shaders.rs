@@ -4,9 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
 use std::sync::OnceLock;
 
+use nearfield::application::{PathParameters, PathState, SceneLayout};
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
+use nearfield::gpu::SOFTWARE_LOOP_ROUNDS;
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
 use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
@@ -332,7 +334,41 @@ fn twins() -> BTreeMap<&'static str, Layout> {
     let sweep = layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
     let octree = layout_of!(OctreeLayout { domain, period, n_points, inverse_period, n_nodes, extent, padding });
     let search = layout_of!(SearchN { n_points, depth, count, first, exclude_self, own_points, padding_0, padding_1 });
+    let scene = layout_of!(SceneLayout {
+        margin,
+        emitter_share,
+        environment_share,
+        columns,
+        rows,
+        n_emitters,
+        n_points,
+        n_texels,
+        emitter_sums,
+        point_sums,
+        texel_sums,
+        row_cosines,
+        materials,
+        points,
+        texels,
+        padding
+    });
+    let paths = with_single_words(layout_of!(PathParameters {
+        camera,
+        width,
+        height,
+        first_pixel,
+        n_paths,
+        sample,
+        seed,
+        depth,
+        most_depth,
+        roulette_depth,
+        next_event,
+        padding
+    }));
     BTreeMap::from([
+        ("SceneLayout", scene),
+        ("PathParameters", paths),
         ("SearchN", search),
         ("OctreeLayout", octree),
         ("TreeLayout", layout_of!(TreeLayout { period, n_points, inverse_period, depth })),
@@ -371,6 +407,7 @@ fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ("KdNode", layout_of!(KdNode { split, link })),
         ("KdLeaf", layout_of!(KdLeaf { min, first, max, count, ropes, padding_0, padding_1 })),
         ("HitRecord", layout_of!(HitRecord { triangle, t, weights })),
+        ("PathState", layout_of!(PathState { origin, slot, direction, density, throughput, eta_scale })),
         ("RayWork", layout_of!(RayWork { triangle_tests, node_visits, leaf_visits, rope_steps })),
     ];
     let compressed =
@@ -508,6 +545,27 @@ fn constant(module: &naga::Module, name: &str) -> Option<f32> {
     match module.global_expressions[constant.init] {
         naga::Expression::Literal(naga::Literal::F32(value)) => Some(value),
         _ => None,
+    }
+}
+
+#[test]
+fn numbers_of_rays_are_the_same_on_both_sides() {
+    let text = |path: &str, line: &str| {
+        let source = MODULES.iter().find(|(module, _)| *module == path).unwrap().1;
+        assert!(source.contains(line), "{path} should say {line:?}");
+    };
+    let (record, ray) = ("package::query::ray_cast::record", "package::geometry::prepared_ray");
+    text("package::gpu::dispatch", &format!("const MOST_LOOP_ROUNDS = {SOFTWARE_LOOP_ROUNDS}u;"));
+    text(record, &format!("const MISS = {:#x}u;", HitRecord::MISS));
+    text(record, &format!("const INVALID = {:#x}u;", HitRecord::INVALID));
+    text(record, &format!("const ABANDONED = {:#x}u;", HitRecord::ABANDONED));
+    let module = parse(&compose(ray, &[], &[], true).unwrap()).unwrap();
+    let lateral = 1.0 / (1u32 << 19) as f32;
+    let slope = 1.0 / (1u64 << 60) as f32;
+    for (name, value) in
+        [("LATERAL", lateral), ("SMALLEST_SLOPE", slope), ("LARGEST", f32::MAX), ("MAX_COORDINATE", 1e18)]
+    {
+        assert_eq!(constant(&module, name).map(f32::to_bits), Some(value.to_bits()), "{name}");
     }
 }
 

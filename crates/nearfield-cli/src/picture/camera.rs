@@ -33,6 +33,8 @@ pub(crate) struct Camera {
     distance: f64,
     scale: f64,
     shift: [f64; 2],
+    /// Far enough in front of the center for rays of a parallel view to start before everything.
+    reach: f64,
 }
 
 /// A point on the picture.
@@ -50,7 +52,7 @@ pub(crate) struct Projected {
 
 impl Camera {
     /// The view of `points` that fills `frame`.
-    pub(crate) fn fitted(points: &[Vec3], up: Up, frame: Frame) -> Self {
+    pub(super) fn fitted(points: &[Vec3], up: Up, frame: Frame) -> Self {
         let step = points.len().div_ceil(SAMPLE).max(1);
         let sample: Vec<DVec3> = points.iter().step_by(step).map(|p| p.as_dvec3()).collect();
         let axis = |a: usize| inner_range(sample.iter().map(|p| p[a]).collect());
@@ -74,17 +76,58 @@ impl Camera {
         let right = up_axis.cross(toward_eye).normalize();
         let distance = if flat { f64::INFINITY } else { 1.7 * extent.length().max(f64::MIN_POSITIVE) };
 
-        let mut camera =
-            Self { center, right, up: toward_eye.cross(right), toward_eye, distance, scale: 1.0, shift: [0.0, 0.0] };
+        let farthest = sample.iter().map(|p| p.distance_squared(center)).fold(0.0, f64::max).sqrt();
+        let mut camera = Self {
+            center,
+            right,
+            up: toward_eye.cross(right),
+            toward_eye,
+            distance,
+            scale: 1.0,
+            shift: [0.0, 0.0],
+            reach: 2.0 * farthest.max(extent.length()),
+        };
         camera.fit(&sample, frame);
         camera
+    }
+
+    /// The view of a picture of so many pixels that nothing else is drawn on, filled by `points` with all strays.
+    pub(crate) fn filled(points: &[Vec3], up: Up, width: u32, height: u32) -> Self {
+        let frame = Frame { left: 0.0, top: 0.0, width: width as f32, height: height as f32 };
+        let mut camera = Self::fitted(points, up, frame);
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for &point in points {
+            if let Some((x, y, ..)) = camera.on_plane(point.as_dvec3()) {
+                (low, high) = ([low[0].min(x), low[1].min(y)], [high[0].max(x), high[1].max(y)]);
+            }
+            camera.reach = camera.reach.max(2.0 * point.as_dvec3().distance(camera.center));
+        }
+        if low[0] <= high[0] {
+            camera.fill([low[0], high[0]], [low[1], high[1]], frame);
+        }
+        camera
+    }
+
+    /// Where a ray through a place of the picture starts, and its unit direction.
+    pub(crate) fn ray(&self, x: f64, y: f64) -> (DVec3, DVec3) {
+        let [across, above] = [(x - self.shift[0]) / self.scale, (self.shift[1] - y) / self.scale];
+        let on_plane = self.center + self.right * across + self.up * above;
+        if self.distance.is_finite() {
+            let eye = self.center + self.toward_eye * self.distance;
+            return (eye, (on_plane - eye).normalize());
+        }
+        (on_plane + self.toward_eye * self.reach, -self.toward_eye)
     }
 
     fn fit(&mut self, sample: &[DVec3], frame: Frame) {
         let seen: Vec<[f64; 3]> =
             sample.iter().filter_map(|&p| self.on_plane(p)).map(|(x, y, _, z)| [x, y, z]).collect();
         let range = |a: usize| inner_range(seen.iter().map(|s| s[a]).collect());
-        let ([left, right], [bottom, top]) = (range(0), range(1));
+        self.fill(range(0), range(1), frame);
+    }
+
+    /// Makes a rectangle of the plane fill the frame.
+    fn fill(&mut self, [left, right]: [f64; 2], [bottom, top]: [f64; 2], frame: Frame) {
         let per_unit = |pixels: f32, units: f64| if units > 0.0 { f64::from(pixels) / units } else { f64::INFINITY };
         let scale = per_unit(frame.width, right - left).min(per_unit(frame.height, top - bottom));
         self.scale = if scale.is_finite() { 0.96 * scale } else { 1.0 };
@@ -168,6 +211,23 @@ mod tests {
         assert!(high.y < low.y);
         let nearer = camera.project(Vec3::splat(0.5) + camera.toward_eye()).unwrap();
         assert!(nearer.depth < camera.project(Vec3::splat(0.5)).unwrap().depth);
+    }
+
+    #[test]
+    fn a_ray_through_where_a_point_lands_passes_the_point() {
+        // A tilted parallel view, and a perspective one.
+        for size in [Vec3::new(9.0, 5.0, 0.5), Vec3::new(1.0, 3.0, 1.0)] {
+            let points = corners(size);
+            let camera = Camera::filled(&points, Up::Z, 640, 480);
+            for &p in &points {
+                let seen = camera.project(p).unwrap();
+                assert!(seen.x >= 0.0 && seen.x <= 640.0 && seen.y >= 0.0 && seen.y <= 480.0, "{seen:?}");
+                let (origin, direction) = camera.ray(f64::from(seen.x), f64::from(seen.y));
+                let to = p.as_dvec3() - origin;
+                assert!(to.dot(direction) > 0.0, "{size}: the ray starts behind {p}");
+                assert!((to - direction * to.dot(direction)).length() < 1e-5, "{size}: {p}");
+            }
+        }
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Title lines and the colour bar.
 
 use super::{Image, Scene, text};
-use crate::colormap::viridis;
-use crate::report::short;
+use crate::colormap::{green_to_red, viridis};
+use crate::report::{grouped, short};
 
 const INK: [u8; 3] = [228, 232, 238];
 const FAINT: [u8; 3] = [150, 158, 170];
@@ -41,12 +41,25 @@ pub(crate) struct Scale {
     logarithmic: bool,
     /// Whether values are whole numbers from 0 on, and not positive lengths.
     whole: bool,
+    colors: Colors,
+}
+
+/// What the ends of a scale look like.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Colors {
+    /// Equal steps of the value look equally large: dark violet to yellow.
+    #[default]
+    Perceptual,
+    /// Accel's: green to red.
+    GreenRed,
 }
 
 /// Part of the values at each end that shares the colour of the end.
 const TAIL: f64 = 0.01;
 /// A range whose middle value lies below this part of it is shown by ratios.
 const SKEWED: f32 = 0.2;
+/// Colours of the scales that are made from values.
+const COLORS: Colors = Colors::Perceptual;
 
 impl Scale {
     /// A scale over the bulk of the values, so that a few extreme ones do not make the rest look alike.
@@ -54,7 +67,7 @@ impl Scale {
         let mut sorted = values.to_vec();
         sorted.sort_unstable();
         let (Some(&min), Some(&max)) = (sorted.first(), sorted.last()) else {
-            return Self { low: 0.0, high: 0.0, clipped: [false; 2], logarithmic: false, whole: true };
+            return Self { low: 0.0, high: 0.0, clipped: [false; 2], logarithmic: false, whole: true, colors: COLORS };
         };
         let tail = (sorted.len() as f64 * TAIL) as usize;
         let (mut low, mut high) = (sorted[tail], sorted[sorted.len() - 1 - tail]);
@@ -64,7 +77,14 @@ impl Scale {
         }
         let middle = sorted[sorted.len() / 2];
         let logarithmic = ((middle - low) as f32) < SKEWED * (high - low) as f32;
-        Self { low: low as f32, high: high as f32, clipped: [min < low, max > high], logarithmic, whole: true }
+        Self {
+            low: low as f32,
+            high: high as f32,
+            clipped: [min < low, max > high],
+            logarithmic,
+            whole: true,
+            colors: COLORS,
+        }
     }
 
     /// As [`Scale::of`], over lengths; infinite ones do not count.
@@ -72,7 +92,7 @@ impl Scale {
         let mut sorted: Vec<f32> = values.iter().copied().filter(|value| value.is_finite()).collect();
         sorted.sort_unstable_by(f32::total_cmp);
         let (Some(&min), Some(&max)) = (sorted.first(), sorted.last()) else {
-            return Self { low: 0.0, high: 0.0, clipped: [false; 2], logarithmic: false, whole: false };
+            return Self { low: 0.0, high: 0.0, clipped: [false; 2], logarithmic: false, whole: false, colors: COLORS };
         };
         let tail = (sorted.len() as f64 * TAIL) as usize;
         let (mut low, mut high) = (sorted[tail], sorted[sorted.len() - 1 - tail]);
@@ -81,7 +101,12 @@ impl Scale {
         }
         let middle = sorted[sorted.len() / 2];
         let logarithmic = low > 0.0 && middle - low < SKEWED * (high - low);
-        Self { low, high, clipped: [min < low, max > high], logarithmic, whole: false }
+        Self { low, high, clipped: [min < low, max > high], logarithmic, whole: false, colors: COLORS }
+    }
+
+    /// A scale from nothing to `max`, in equal steps.
+    pub(crate) fn up_to(max: u32, colors: Colors) -> Self {
+        Self { low: 0.0, high: max as f32, clipped: [false; 2], logarithmic: false, whole: true, colors }
     }
 
     /// Colour of a number.
@@ -91,7 +116,16 @@ impl Scale {
 
     /// Colour of a length.
     pub(crate) fn color_of(&self, value: f32) -> [u8; 3] {
-        scale_color(if self.high > self.low { self.place(value) } else { 0.5 })
+        let alone = if self.colors == Colors::GreenRed { 0.0 } else { 0.5 };
+        self.color_at(if self.high > self.low { self.place(value) } else { alone })
+    }
+
+    /// Colour of a place on the bar, 0 … 1; the darkest part of the perceptual one would not stand out from the background.
+    fn color_at(&self, place: f32) -> [u8; 3] {
+        match self.colors {
+            Colors::Perceptual => viridis(0.16 + 0.84 * place.clamp(0.0, 1.0)),
+            Colors::GreenRed => green_to_red(place),
+        }
     }
 
     /// What is added before the logarithm: one, so that the count 0 has one; lengths are positive.
@@ -113,11 +147,6 @@ impl Scale {
         }
         self.low + place * (self.high - self.low)
     }
-}
-
-/// The scale's colours; its darkest part would not stand out from the background.
-fn scale_color(t: f32) -> [u8; 3] {
-    viridis(0.16 + 0.84 * t.clamp(0.0, 1.0))
 }
 
 pub(super) fn draw(image: &mut Image, scene: &Scene<'_>) {
@@ -155,7 +184,7 @@ fn draw_bar(image: &mut Image, bar: &Bar) {
     let (left, top) = (image.width.saturating_sub(136), (image.height + 60 - height) / 2);
     text::draw(image, left, top - 30, &text::fitted(&bar.label, 2, 136), 2, FAINT);
     for y in 0..height {
-        let color = scale_color(1.0 - y as f32 / (height - 1) as f32);
+        let color = bar.scale.color_at(1.0 - y as f32 / (height - 1) as f32);
         for x in 0..BAR[0] {
             image.blend((left + x) as i64, (top + y) as i64, color, 1.0);
         }
@@ -172,7 +201,7 @@ fn draw_bar(image: &mut Image, bar: &Bar) {
 /// Places on the bar, 0 … 1, and what to write there.
 fn ticks(scale: &Scale) -> Vec<(f32, String)> {
     let range = scale.high - scale.low;
-    let written = |value: f32| if scale.whole { value.to_string() } else { short(value, 3) };
+    let written = |value: f32| if scale.whole { written_whole(value) } else { short(value, 3) };
     if range <= 0.0 {
         return vec![(0.5, written(scale.low))];
     }
@@ -192,6 +221,11 @@ fn ticks(scale: &Scale) -> Vec<(f32, String)> {
     values.iter().enumerate().map(tick).collect()
 }
 
+/// A whole number that fits beside the bar.
+fn written_whole(value: f32) -> String {
+    if value < 1e6 { grouped(value as u64) } else { format!("{:.2}M", value / 1e6) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -201,7 +235,8 @@ mod tests {
         let mut values: Vec<u32> = (0..1000).map(|i| 10 + i % 20).collect();
         values.push(100_000);
         let scale = Scale::of(&values);
-        assert_eq!(scale, Scale { low: 10.0, high: 29.0, clipped: [false, true], logarithmic: false, whole: true });
+        let (clipped, colors) = ([false, true], Colors::Perceptual);
+        assert_eq!(scale, Scale { low: 10.0, high: 29.0, clipped, logarithmic: false, whole: true, colors });
         assert_eq!(ticks(&scale).last().unwrap().1, ">=29");
         assert_eq!(scale.color(100_000), scale.color(29));
     }
@@ -236,6 +271,16 @@ mod tests {
         // Most of them near 0.01 and some at 1: equal ratios, equal steps.
         let skewed: Vec<f32> = (0..100).map(|i| if i < 90 { 0.01 } else { 1.0 }).collect();
         assert_eq!(labels(&skewed), ["0.01", "0.0316", "0.1", "0.316", "1"]);
+    }
+
+    #[test]
+    fn a_scale_from_nothing_is_not_cut_and_names_its_end() {
+        let scale = Scale::up_to(59_616, Colors::GreenRed);
+        let labels: Vec<String> = ticks(&scale).into_iter().map(|t| t.1).collect();
+        assert_eq!(labels, ["0", "14,904", "29,808", "44,712", "59,616"]);
+        assert_eq!((scale.color(0), scale.color(59_616)), ([0, 255, 0], [255, 0, 0]));
+        // Nothing anywhere is the colour of nothing.
+        assert_eq!(Scale::up_to(0, Colors::GreenRed).color(0), [0, 255, 0]);
     }
 
     #[test]

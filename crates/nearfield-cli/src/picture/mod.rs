@@ -5,6 +5,7 @@
 mod camera;
 mod legend;
 mod path;
+mod raster;
 mod shade;
 mod splat;
 mod text;
@@ -16,10 +17,10 @@ use nearfield::Vec3;
 
 use crate::options::PictureSize;
 
-use camera::Camera;
-pub(crate) use camera::{Up, likely_up};
-pub(crate) use legend::{Bar, Scale, Swatch};
+pub(crate) use camera::{Camera, Up, likely_up};
+pub(crate) use legend::{Bar, Colors, Scale, Swatch};
 pub(crate) use path::{Path, Square, draw_path};
+pub(crate) use raster::draw_raster;
 pub(crate) use tiles::{Tile, draw_tiles};
 
 /// Linear factor of the first drawing over the picture.
@@ -103,6 +104,16 @@ fn frame(scene: &Scene<'_>, size: PictureSize, unit: f32) -> Frame {
 }
 
 impl Image {
+    /// A picture of these pixels, row by row from the upper left.
+    ///
+    /// # Panics
+    /// If they are not `width` times `height`.
+    pub(crate) fn of_pixels(width: u32, height: u32, pixels: Vec<[u8; 3]>) -> Self {
+        let (width, height) = (width as usize, height as usize);
+        assert_eq!(pixels.len(), width * height, "a picture should have all of its pixels");
+        Self { width, height, pixels }
+    }
+
     /// Paints one pixel over, `alpha` 0 … 1; outside the picture nothing happens.
     fn blend(&mut self, x: i64, y: i64, color: [u8; 3], alpha: f32) {
         if (0..self.width as i64).contains(&x) && (0..self.height as i64).contains(&y) {

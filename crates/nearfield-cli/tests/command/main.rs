@@ -4,6 +4,7 @@ mod failures;
 mod nearest;
 mod neighbors;
 mod octree;
+mod rays;
 mod sort;
 mod verbs;
 

@@ -124,9 +124,21 @@ fn devices_and_formats_are_listed() {
 #[test]
 fn help_has_an_example_for_each_subcommand() {
     let folder = Folder::new("help");
-    for verb in
-        ["demo", "neighbors", "info", "convert", "generate", "sort", "octree", "devices", "formats", "completions"]
-    {
+    for verb in [
+        "demo",
+        "neighbors",
+        "octree",
+        "heatmap",
+        "raycast",
+        "render",
+        "info",
+        "convert",
+        "generate",
+        "sort",
+        "devices",
+        "formats",
+        "completions",
+    ] {
         let help = folder.ok(&format!("{verb} --help"));
         assert!(help.contains("Example") && help.contains(&format!("\n  nearfield {verb}")), "{verb}: {help}");
     }

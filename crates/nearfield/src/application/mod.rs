@@ -2,5 +2,14 @@
 //! alone: what it needs and they lack is a missing query.
 
 pub mod domain_decomposition;
+pub mod path_trace;
 
 pub use domain_decomposition::{Exchange, PartReport, Partition, PartitionReport, compare_curves};
+pub use path_trace::{
+    Camera, CameraFrame, Environment, EnvironmentImage, Film, Material, PathCounters, PathParameters, PathSettings,
+    PathState, PathTracer, PointLight, Scene, Surface,
+};
+#[cfg(feature = "gpu")]
+pub use path_trace::{GpuPathTracer, SceneLayout};
+#[cfg(feature = "io")]
+pub use path_trace::{parse_scene, read_scene};

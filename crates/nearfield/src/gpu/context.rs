@@ -58,7 +58,7 @@ pub struct GpuLimits {
 /// PCI numbers of NVIDIA and AMD: their cards never take a workgroup off that has started.
 const PROGRESSING_VENDORS: [u32; 2] = [0x10de, 0x1002];
 /// Loop rounds that count as safe on software renderers.
-const SOFTWARE_LOOP_ROUNDS: u32 = 60_000;
+pub const SOFTWARE_LOOP_ROUNDS: u32 = 60_000;
 
 /// Bytes allocated and allowed.
 #[derive(Default)]

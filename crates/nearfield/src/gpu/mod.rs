@@ -15,6 +15,8 @@ pub mod shader;
 pub use adapter::{Adapter, AdapterKind, DeviceChoice, adapters};
 pub use buffer::{Buffer, DeviceElement};
 pub use commands::{Bind, Commands, StageTime, Workgroups};
+#[doc(hidden)]
+pub use context::SOFTWARE_LOOP_ROUNDS;
 pub use context::{Gpu, GpuLimits};
 pub use pipeline::{Access, Kernel, Pipeline};
 pub use wgpu;

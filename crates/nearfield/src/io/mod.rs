@@ -9,6 +9,7 @@
 
 mod colors;
 mod columns;
+mod exr;
 mod format;
 mod guard;
 mod las;
@@ -18,6 +19,7 @@ mod open;
 mod pcd;
 mod ply;
 mod radii;
+mod rays;
 mod save;
 mod stl;
 #[cfg(test)]
@@ -26,10 +28,13 @@ mod text;
 mod vtp;
 mod xyz;
 
+pub use exr::write_exr;
 pub use format::{FORMATS, Format, FormatInfo};
 pub use npy::{NpyArray, write_npz};
-pub use open::{parse_cloud, parse_mesh, read_cloud, read_mesh};
+pub use obj::{MeshMaterials, MtlMaterial, parse_mtl, read_obj_materials};
+pub use open::{Polygons, parse_cloud, parse_mesh, parse_mesh_with, read_cloud, read_mesh};
 pub use radii::parse_radii;
+pub use rays::parse_rays;
 pub use save::{WriteOptions, WriteSeek, write_atomically, write_cloud, write_mesh};
 
 use glam::DVec3;

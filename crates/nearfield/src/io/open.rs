@@ -6,6 +6,17 @@ use std::path::Path;
 use super::{Format, las, npy, obj, pcd, ply, stl, xyz};
 use crate::{Error, PointCloud, Result, TriMesh};
 
+/// What becomes of faces with more than three corners.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Polygons {
+    /// A fan of triangles around the first corner: the whole face, where it is convex.
+    #[default]
+    Fans,
+    /// The triangle of its first three corners; the rest of the face is missing, and the mesh has holes. As Accel read
+    /// its meshes, for comparison with it.
+    FirstThree,
+}
+
 /// Reads a point cloud; a mesh file gives all of its vertices.
 ///
 /// `path` `-` reads standard input and needs `format`; otherwise the extension decides where `format` is `None`.
@@ -56,9 +67,17 @@ pub fn parse_cloud(bytes: &[u8], format: Format) -> Result<PointCloud> {
 /// # Errors
 /// `File`; `Unsupported` for a format that holds only points.
 pub fn parse_mesh(bytes: &[u8], format: Format) -> Result<TriMesh> {
+    parse_mesh_with(bytes, format, Polygons::Fans)
+}
+
+/// As [`parse_mesh`], with a choice of what becomes of polygons. Strips of triangles are no polygons.
+///
+/// # Errors
+/// As [`parse_mesh`].
+pub fn parse_mesh_with(bytes: &[u8], format: Format, polygons: Polygons) -> Result<TriMesh> {
     match format {
-        Format::Ply => ply::read_mesh(bytes),
-        Format::Obj => obj::read_mesh(bytes),
+        Format::Ply => ply::read_mesh(bytes, polygons),
+        Format::Obj => obj::read_mesh(bytes, polygons),
         Format::Stl => stl::read_mesh(bytes),
         _ => Err(Error::Unsupported {
             what: format!("reading a mesh from {format}"),

@@ -69,18 +69,27 @@ pub(crate) fn check_holds<T: DeviceElement>(buffer: &Buffer<T>, len: usize) -> R
     Err(Error::LengthMismatch { what: buffer.label(), found: buffer.len() as u64, expected: len as u64 })
 }
 
-/// Exclusive scans of the rows of a table in place, a workgroup a row.
+/// Rows of at most this many values are scanned by one invocation each: a small sort has 256 rows of one value a tile, and
+/// with a workgroup for each of them a sort of 200 u64 keys took 105 ms on llvmpipe, with this 2.5.
+const SHORT_ROW: usize = 16;
+
+/// Exclusive scans of the rows of a table in place, a workgroup a row, or an invocation where several rows are short.
 #[derive(Debug)]
 pub(super) struct RowScan {
     parameters: ParameterCache,
     pipeline: Arc<Pipeline>,
+    short: Arc<Pipeline>,
 }
 
 impl RowScan {
     pub(super) fn new(gpu: &Gpu) -> Result<Self> {
         let bindings = [Access::Uniform, Access::ReadWrite, Access::ReadWrite];
-        let kernel = Kernel::new("package::parallel::scan_rows", "scan_rows", &bindings, WORKGROUP);
-        Ok(Self { parameters: ParameterCache::new(gpu), pipeline: gpu.pipeline(&kernel)? })
+        let kernel = |entry| Kernel::new("package::parallel::scan_rows", entry, &bindings, WORKGROUP);
+        Ok(Self {
+            parameters: ParameterCache::new(gpu),
+            pipeline: gpu.pipeline(&kernel("scan_rows"))?,
+            short: gpu.pipeline(&kernel("scan_short_rows"))?,
+        })
     }
 
     /// Scans `n_rows` rows of `row_len` values of `table`; the sum of row i goes to `totals[i]`.
@@ -94,7 +103,11 @@ impl RowScan {
     ) -> Result<()> {
         let parameters = self.parameters.uniform([row_len as u32, n_rows as u32, 0, 0])?;
         let bindings = [(&parameters).into(), table.into(), totals.into()];
-        commands.dispatch(&self.pipeline, &bindings, Workgroups::Count(n_rows as u32));
+        if n_rows > 1 && row_len <= SHORT_ROW {
+            commands.dispatch(&self.short, &bindings, Workgroups::Covering(n_rows as u64));
+        } else {
+            commands.dispatch(&self.pipeline, &bindings, Workgroups::Count(n_rows as u32));
+        }
         Ok(())
     }
 }

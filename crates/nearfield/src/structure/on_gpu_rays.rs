@@ -7,9 +7,10 @@ use crate::gpu::{Access, Bind, Gpu};
 
 /// A structure over triangles on the device, and a WESL module that walks along a ray.
 ///
-/// The module holds `fn trace(ray: PreparedRay, state: ptr<function, HitState>, work: ptr<function, RayWork>)`. It
+/// The module holds `fn trace(ray: PreparedRay, state: ptr<function, HitState>, work: ptr<function, RayWork>) -> bool`. It
 /// offers what it hits to `package::structure::hit_visitor`, by the rules of [`crate::structure::RayStructure`], and
-/// counts its work under the feature `count_work`.
+/// counts its work under the feature `count_work`. On devices that end long loops it counts its own rounds, and is false
+/// where they do not suffice.
 pub trait GpuRayStructure: Sync {
     /// Name of the structure, in lower case with hyphens.
     const NAME: &'static str;
@@ -32,9 +33,9 @@ pub trait GpuRayStructure: Sync {
     /// The module's bindings in `@group(0)`, numbered from 3.
     fn bindings(&self) -> Vec<(Access, Bind)>;
 
-    /// The most rounds that all loops of one walk take together. Asked only on devices that end long loops
-    /// ([`crate::gpu::GpuLimits::loop_rounds`]); invocations that run in step share them.
-    fn most_rounds(&self) -> u64;
+    /// Rounds that the loops of every walk take together at least. Asked only on devices that end long loops
+    /// ([`crate::gpu::GpuLimits::loop_rounds`]), so that a cast that cannot succeed is not begun.
+    fn fewest_rounds(&self) -> u64;
 
     /// Times of the build.
     fn build_stages(&self) -> &[BuildStage];

@@ -16,14 +16,14 @@ pub struct PreparedTriangles {
     space: RaySpace,
 }
 
-/// Most triangles: two numbers of the 32 bits stand for misses.
-const MOST_TRIANGLES: u64 = u32::MAX as u64 - 2;
+/// Most triangles: three numbers of the 32 bits stand for rays without a hit.
+const MOST_TRIANGLES: u64 = u32::MAX as u64 - 3;
 
 impl PreparedTriangles {
     /// Prepares every triangle of the mesh, relative to its origin.
     ///
     /// # Errors
-    /// `NoTriangles`; `TooMany` (an index of a triangle without a vertex, or 2³² − 2 triangles or more); `NonFinite`,
+    /// `NoTriangles`; `TooMany` (an index of a triangle without a vertex, or more than 2³² − 4 triangles); `NonFinite`,
     /// `CoordinateTooLarge` (vertices).
     pub fn new(mesh: &TriMesh) -> Result<Arc<Self>> {
         if mesh.triangles.is_empty() {

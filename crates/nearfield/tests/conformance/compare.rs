@@ -165,15 +165,16 @@ fn check_distances(
 }
 
 fn check_row_exactly(problem: &Problem<'_>, row: &Row, question: &FixedRadius<'_>, found: &[u32], cut: u32) -> Verdict {
-    let mut expected = problem.row(row, question.exclude_self);
-    let total = expected.len();
-    if let Some(cap) = question.max_neighbors {
-        expected.sort_by(nearer);
-        expected.truncate(cap as usize);
-    }
-    let mut expected: Vec<u32> = expected.into_iter().map(|hit| hit.0).collect();
-    expected.sort_unstable();
     let query = row.query;
+    let is_left_out = |index: u32| question.exclude_self && problem.own && index == query;
+    let total = row.hits.len() - row.hits.iter().filter(|hit| is_left_out(hit.0)).count();
+    let mut expected: Vec<u32> = match question.max_neighbors {
+        Some(cap) if (cap as usize) < total => {
+            row.nearest_first().map(|hit| hit.0).filter(|&i| !is_left_out(i)).take(cap as usize).collect()
+        }
+        _ => row.hits.iter().map(|hit| hit.0).filter(|&i| !is_left_out(i)).collect(),
+    };
+    expected.sort_unstable();
     if expected != found {
         if let Some(&i) = expected.iter().find(|i| found.binary_search(i).is_err()) {
             return Err(format!("query {query}: point {i} at {:e} is missing", problem.distance(query, i)));
@@ -201,9 +202,11 @@ fn check_row_on_device(
         let known = truth.binary_search_by_key(&i, |hit| hit.0).is_ok() || problem.is_marginal(query, i);
         ensure!(known, "query {query}: point {i} at {:e} should not be there", problem.distance(query, i));
     }
-    let absent = truth.iter().map(|hit| hit.0).filter(|i| found.binary_search(i).is_err());
     let farthest = found.iter().map(|&i| problem.distance(query, i)).fold(0.0, f64::max);
     let full = question.max_neighbors.is_some_and(|cap| found.len() == cap as usize);
+    // Far beyond all that a full row keeps, whatever the rounding: rightly cut, and no tie.
+    let is_far = |hit: &Hit| full && f64::from(hit.1).sqrt() > 1.01 * farthest + problem.wrap_rounding(query, hit.0);
+    let absent = truth.iter().filter(|hit| !is_far(hit)).map(|hit| hit.0).filter(|i| found.binary_search(i).is_err());
     for i in absent {
         let distance = problem.distance(query, i);
         let may_miss = problem.is_marginal(query, i)

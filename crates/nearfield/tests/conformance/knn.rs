@@ -70,6 +70,9 @@ const QUESTIONS: &[Question] = &[
 /// Up to this many points, all and more than all of them are asked for, too.
 const MOST_POINTS_FOR_ALL: usize = 100;
 
+/// Above this many points, software devices leave out the largest k without a radius.
+const MOST_POINTS_FOR_LARGEST_K: usize = 700;
+
 /// Asks every question, where the structure answers them.
 pub(crate) fn ask_everything(subject: &Subject, built: &dyn Built, solved: &Solved<'_>) -> Verdict {
     let n = solved.case.points.len();
@@ -78,7 +81,8 @@ pub(crate) fn ask_everything(subject: &Subject, built: &dyn Built, solved: &Solv
     // One neighbour more or less than a leaf holds.
     let is_asked = |question: &&Question| {
         let is_too_much = question.reach == Some(Reach::All) && n > questions::MOST_POINTS_FOR_ALL;
-        let is_special = [31, 33].contains(&question.k) || !subject.asks_nearest();
+        let is_long = question.k == 128 && question.reach.is_none() && n > MOST_POINTS_FOR_LARGEST_K;
+        let is_special = [31, 33].contains(&question.k) || is_long || !subject.asks_nearest();
         !is_too_much && (subject.asks_everything() || !is_special)
     };
     for question in QUESTIONS.iter().filter(is_asked).chain(beyond) {

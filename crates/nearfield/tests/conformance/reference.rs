@@ -1,6 +1,8 @@
 //! The expected answers: every query against every point with the documented formula, written out here once more so
 //! that nothing of the library stands on both sides of a comparison.
 
+use std::sync::OnceLock;
+
 use nearfield::Vec3;
 
 /// Index and squared distance of a neighbour.
@@ -45,6 +47,22 @@ pub(crate) struct Row {
     pub(crate) query: u32,
     /// Ascending by index.
     pub(crate) hits: Vec<Hit>,
+    /// Places in `hits` by squared distance, ties by index.
+    by_distance: OnceLock<Vec<u32>>,
+    marginal_outside: OnceLock<usize>,
+}
+
+impl Row {
+    /// The hits by squared distance, ties by index; sorted at the first use, for all subjects.
+    pub(crate) fn nearest_first(&self) -> impl Iterator<Item = Hit> {
+        let sorted = || {
+            let mut places: Vec<u32> = (0..self.hits.len() as u32).collect();
+            let hit = |&place: &u32| self.hits[place as usize];
+            places.sort_by(|a, b| hit(a).1.total_cmp(&hit(b).1).then(a.cmp(b)));
+            places
+        };
+        self.by_distance.get_or_init(sorted).iter().map(|&place| self.hits[place as usize])
+    }
 }
 
 /// Pairs of query and point that one reference may take.
@@ -70,7 +88,8 @@ impl<'a> Problem<'a> {
         let row = |query: usize| {
             let radius2 = radii[query] * radii[query];
             let hits = points.iter().enumerate().map(|(i, &p)| (i as u32, dist2(queries[query], p, period)));
-            Row { query: query as u32, hits: hits.filter(|&(_, d2)| d2 <= radius2).collect() }
+            let hits = hits.filter(|&(_, d2)| d2 <= radius2).collect();
+            Row { query: query as u32, hits, by_distance: OnceLock::new(), marginal_outside: OnceLock::new() }
         };
         let truth = (0..queries.len()).step_by(step).map(row).collect();
         Self { points, queries, own, radii, period, truth }
@@ -115,9 +134,11 @@ impl<'a> Problem<'a> {
 
     /// Number of points that are no neighbours, but so near the surface that a device may count them.
     pub(crate) fn marginal_outside(&self, row: &Row) -> usize {
-        let is_inside = |i: &u32| row.hits.binary_search_by_key(i, |hit| hit.0).is_ok();
-        let outside = (0..self.points.len() as u32).filter(|i| !is_inside(i));
-        outside.filter(|&i| self.is_marginal(row.query, i)).count()
+        *row.marginal_outside.get_or_init(|| {
+            let is_inside = |i: &u32| row.hits.binary_search_by_key(i, |hit| hit.0).is_ok();
+            let outside = (0..self.points.len() as u32).filter(|i| !is_inside(i));
+            outside.filter(|&i| self.is_marginal(row.query, i)).count()
+        })
     }
 }
 

@@ -1,9 +1,12 @@
-//! The nearest points and points in boxes on the octree of the device: batches, refused memory, rows that stay there.
+//! The nearest points and points in boxes on the octree of the device: batches, refused memory, rows that stay there. Packs
+//! of the AABB-tree that are split while they are searched.
 
 use libtest_mimic::Trial;
+use nearfield::geometry::generate::{CloudKind, cloud};
 use nearfield::gpu::Gpu;
 use nearfield::{
-    Aabb, BoxSearch, Boxes, Error, GpuLinearOctree, Knn, KnnSearch, LinearOctree, OctreeSettings, Result, Vec3,
+    Aabb, AabbTreeSettings, BoxSearch, Boxes, Error, FixedRadius, GpuAabbTree, GpuLinearOctree, Knn, KnnSearch,
+    LinearOctree, NeighborSearch, OctreeSettings, Result, RowOrder, TreeSearch, Vec3,
 };
 
 use crate::support::gpu_trial;
@@ -11,6 +14,7 @@ use crate::{lattice_points, own_context};
 
 pub(crate) fn trials() -> Vec<Trial> {
     vec![
+        gpu_trial("split_packs_find_what_single_queries_find", split_packs),
         gpu_trial("nearest_points_in_batches_are_the_same", nearest_in_batches),
         gpu_trial("points_in_boxes_in_batches_are_the_same", boxes_in_batches),
         gpu_trial("nearest_points_stay_on_the_device", nearest_on_device),
@@ -113,5 +117,29 @@ fn refused_memory(gpu: &Gpu) {
             Ok(listed) => assert_eq!(listed.indices(), inside.indices(), "allocation {n}"),
             Err(error) => assert!(matches!(error, Error::OutOfDeviceMemory { .. }), "allocation {n}: {error}"),
         }
+    }
+}
+
+/// Radii of ratio 1000 side by side, and queries so few that those of a subgroup are far apart.
+fn split_packs(gpu: &Gpu) {
+    let points = cloud(CloudKind::Clustered, 12_000, 7).points;
+    let mut tree = GpuAabbTree::build(gpu, &points, &AabbTreeSettings::DEFAULT).unwrap();
+    let radii: Vec<f32> = (0..points.len()).map(|i| if i % 37 == 0 { 0.2 } else { 0.0002 }).collect();
+    let far: Vec<Vec3> = points.iter().copied().step_by(150).collect();
+    for (name, question) in [("radii", FixedRadius::each(&radii)), ("far apart", FixedRadius::new(0.01).queries(&far))]
+    {
+        let mut counts = Vec::new();
+        for search in [TreeSearch::Packed, TreeSearch::Primary] {
+            tree.set_search(search);
+            counts.push(tree.count(&question).unwrap().as_slice().to_vec());
+        }
+        assert_eq!(counts[0], counts[1], "{name}");
+        assert!(counts[0].iter().any(|&count| count > 1), "{name}: there should be neighbours");
+        let rows = question.order(RowOrder::Index).max_bytes(256 << 20);
+        tree.set_search(TreeSearch::Packed);
+        let packed = tree.list(&rows).unwrap();
+        tree.set_search(TreeSearch::Primary);
+        let alone = tree.list(&rows).unwrap();
+        assert_eq!((packed.offsets(), packed.indices()), (alone.offsets(), alone.indices()), "{name}");
     }
 }

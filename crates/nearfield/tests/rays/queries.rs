@@ -3,7 +3,10 @@
 use libtest_mimic::Trial;
 use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::gpu::Gpu;
-use nearfield::{BruteForceMesh, Error, GpuBruteForceMesh, Ray, RaySearch, TriMesh, Vec3};
+use nearfield::{
+    BruteForceMesh, BvhSettings, Error, GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, KdTreeSettings, Ray, RaySearch,
+    TriMesh, Vec3,
+};
 
 use crate::support::{gpu_trial, own_context, refuse_each, trial};
 
@@ -84,6 +87,26 @@ fn bad_meshes_are_refused() {
     assert!(matches!(error, Error::NonFinite { what: "vertices", count: 1, first: 2 }), "{error}");
 }
 
+/// A ray along a row of triangles longer than loops may be: an answer, or an error on devices that end loops.
+fn a_ray_that_takes_too_many_rounds_is_never_cut_silently(gpu: &Gpu) {
+    let n = 70_000u32;
+    let sheet = |i: u32| [Vec3::new(0.0, 0.0, i as f32), Vec3::new(1.0, 0.0, i as f32), Vec3::new(0.0, 1.0, i as f32)];
+    let triangles = (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    let mesh = TriMesh::new((0..n).flat_map(sheet).collect(), triangles).unwrap();
+    let rays = [Ray::new(Vec3::new(0.25, 0.25, -1.0), Vec3::Z)];
+    let tree = GpuKdTree::build(gpu, &mesh, &KdTreeSettings::default()).unwrap();
+    let bvh = GpuTriangleBvh::build(gpu, &mesh, &BvhSettings::default()).unwrap();
+    let searches: [&dyn RaySearch; 2] = [&tree, &bvh];
+    for search in searches {
+        match search.count_hits(&rays) {
+            Ok(counts) => assert_eq!(counts.as_slice(), [n], "{}", search.structure()),
+            Err(Error::Unsupported { .. }) => assert!(gpu.limits().loop_rounds.is_some(), "{}", search.structure()),
+            Err(error) => panic!("{}: {error}", search.structure()),
+        }
+        assert!(search.closest_hit(&rays[0]).unwrap().is_some_and(|hit| hit.triangle == 0), "{}", search.structure());
+    }
+}
+
 fn work_is_counted(search: &dyn RaySearch, triangles: u32) {
     let rays = vec![Ray::new(Vec3::new(0.1, 0.2, 5.0), -Vec3::Z); 70];
     let (hits, work) = search.closest_hits_with_work(&rays).unwrap();
@@ -107,6 +130,10 @@ pub(crate) fn trials() -> Vec<Trial> {
             let mesh = mesh(MeshKind::Icosphere, 320, 1);
             work_is_counted(&GpuBruteForceMesh::build(gpu, &mesh).unwrap(), mesh.triangles.len() as u32);
         }),
+        gpu_trial(
+            "gpu::a_ray_that_takes_too_many_rounds_is_never_cut_silently",
+            a_ray_that_takes_too_many_rounds_is_never_cut_silently,
+        ),
         gpu_trial("gpu::memory_that_runs_out_is_an_error_at_every_allocation", |gpu| {
             let gpu = own_context(gpu);
             let search = GpuBruteForceMesh::build(&gpu, &square()).unwrap();

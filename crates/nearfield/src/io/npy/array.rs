@@ -107,6 +107,11 @@ impl Layout {
         self.scalar.is_some() && matches!(self.shape[..], [_, columns] if columns >= 3)
     }
 
+    /// Whether this is a table of plain numbers with one of these numbers of columns.
+    pub(super) fn has_columns(&self, widths: &[u64]) -> bool {
+        self.scalar.is_some() && matches!(self.shape[..], [_, columns] if widths.contains(&columns))
+    }
+
     /// Whether this is a list of plain numbers.
     pub(super) fn is_list(&self, len: usize) -> bool {
         self.scalar.is_some() && self.shape == [len as u64]

@@ -37,6 +37,57 @@ pub(crate) fn read_list(bytes: &[u8]) -> Result<Vec<f64>> {
     Ok(values)
 }
 
+/// Columns of the table `name`: of an NPY array, or of an archive's array of that name, or else of its only one of such a
+/// shape. `widths` are the numbers of columns that it may have; all columns have the same length.
+///
+/// # Errors
+/// `File` where there is no such table.
+pub(crate) fn read_table(bytes: &[u8], name: &str, widths: &[u64]) -> Result<Vec<Vec<f64>>> {
+    let expected = || {
+        let widths: Vec<String> = widths.iter().map(|columns| format!("(n, {columns})")).collect();
+        format!("floats or integers of shape {}", widths.join(" or "))
+    };
+    let described = |layout: &Layout| format!("shape {} and type {}", layout.shape_text(), layout.dtype);
+    if !bytes.starts_with(b"PK") {
+        let layout = Layout::read(bytes, 0)?;
+        if !layout.has_columns(widths) {
+            let found = format!("an array of {}", described(&layout));
+            return Err(FileError::new(NPY, Place::Whole, found, expected()).into());
+        }
+        return Ok(columns(&layout.array(bytes, 0)?));
+    }
+    let members = members(bytes)?;
+    let fitting: Vec<&Member<'_>> = members.iter().filter(|member| member.layout.has_columns(widths)).collect();
+    let member = match members.iter().find(|member| member.entry.name == name) {
+        Some(named) if named.layout.has_columns(widths) => named,
+        Some(named) => {
+            let found = format!("array {name:?} of {}", described(&named.layout));
+            return Err(FileError::new(NPZ, Place::Byte(named.entry.start), found, expected()).into());
+        }
+        None => match fitting[..] {
+            [only] => only,
+            _ => {
+                let found = format!("{} arrays [{}]", members.len(), listed(&members));
+                let expected = format!("an array {name:?}, or exactly one, of {}", expected());
+                return Err(FileError::new(NPZ, Place::Whole, found, expected).into());
+            }
+        },
+    };
+    member.check_size()?;
+    check_inflated([member], bytes.len())?;
+    member.with_array(columns)
+}
+
+/// The columns of a table as f64.
+fn columns(array: &Array<'_>) -> Vec<Vec<f64>> {
+    let column = |k: usize| {
+        let mut values = vec![0.0; array.rows()];
+        array.column(k).for_each(|i, value| values[i] = value);
+        values
+    };
+    (0..array.columns()).map(column).collect()
+}
+
 fn read_npy(bytes: &[u8]) -> Result<PointCloud> {
     let layout = Layout::read(bytes, 0)?;
     check_cloud_shape(NPY, Place::Whole, "an array", &layout)?;
@@ -85,13 +136,28 @@ impl Member<'_> {
     }
 }
 
-fn read_npz(bytes: &[u8]) -> Result<PointCloud> {
-    let entries = archive::entries(bytes)?;
+/// The arrays of an archive.
+fn members(bytes: &[u8]) -> Result<Vec<Member<'_>>> {
     let mut members = vec![];
-    for entry in entries {
+    for entry in archive::entries(bytes)? {
         let layout = Layout::read(&entry.head(HEADER_ROOM)?, entry.start)?;
         members.push(Member { entry, layout });
     }
+    Ok(members)
+}
+
+/// Where arrays are far larger than the file of `stored` bytes, they are first inflated into nothing: only an archive
+/// that really holds them may ask for the memory.
+fn check_inflated<'a, 'b: 'a>(members: impl IntoIterator<Item = &'a Member<'b>> + Clone, stored: usize) -> Result<()> {
+    let inflated = members.clone().into_iter().fold(0_u64, |sum, member| sum.saturating_add(member.entry.size));
+    if inflated > stored as u64 * 3 / 2 + (4 << 20) {
+        members.into_iter().try_for_each(|member| member.entry.check())?;
+    }
+    Ok(())
+}
+
+fn read_npz(bytes: &[u8]) -> Result<PointCloud> {
+    let members = members(bytes)?;
     let points = points_member(&members)?;
     let n = members[points].layout.shape[0] as usize;
     let used = |i: usize, member: &Member<'_>| match member.entry.name.as_str() {
@@ -101,16 +167,8 @@ fn read_npz(bytes: &[u8]) -> Result<PointCloud> {
         _ => member.layout.is_list(n),
     };
     let used: Vec<usize> = (0..members.len()).filter(|&i| used(i, &members[i])).collect();
-    let mut inflated = 0_u64;
-    for &i in &used {
-        members[i].check_size()?;
-        inflated = inflated.saturating_add(members[i].entry.size);
-    }
-    // Where the arrays are far larger than the file, they are first inflated into nothing: only an archive that really
-    // holds them may ask for the memory.
-    if inflated > bytes.len() as u64 * 3 / 2 + (4 << 20) {
-        used.iter().try_for_each(|&i| members[i].entry.check())?;
-    }
+    used.iter().try_for_each(|&i| members[i].check_size())?;
+    check_inflated(used.iter().map(|&i| &members[i]), bytes.len())?;
     let mut result = members[points].with_array(cloud)?;
     for &i in used.iter().filter(|&&i| i != points) {
         let member = &members[i];
@@ -137,11 +195,15 @@ fn points_member(members: &[Member<'_>]) -> Result<usize> {
     if let [only] = clouds[..] {
         return Ok(only);
     }
-    let describe = |member: &Member<'_>| format!("{:?} {}", member.entry.name, member.layout.shape_text());
-    let listed: Vec<String> = members.iter().take(8).map(describe).collect();
-    let found = format!("{} arrays [{}]", members.len(), listed.join(", "));
+    let found = format!("{} arrays [{}]", members.len(), listed(members));
     let expected = "an array \"points\" of shape (n, 3), or exactly one of such a shape";
     Err(FileError::new(NPZ, Place::Whole, found, expected).into())
+}
+
+/// Names and shapes of the first arrays, for errors.
+fn listed(members: &[Member<'_>]) -> String {
+    let describe = |member: &Member<'_>| format!("{:?} {}", member.entry.name, member.layout.shape_text());
+    members.iter().take(8).map(describe).collect::<Vec<String>>().join(", ")
 }
 
 fn vectors(array: &Array<'_>) -> Vec<Vec3> {

@@ -1,25 +1,49 @@
 //! Reading OBJ: one pass over the lines, indices checked at the end as they may name later vertices.
+//!
+//! Materials are names here; the parent module opens the files that say what they mean.
+
+use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
 
 use super::NAME;
 use crate::error::{FileError, Place, Result};
 use crate::io::text::{Lines, number, parsed, shown, words};
-use crate::io::{colors, empty, mesh_from_world};
+use crate::io::{Polygons, colors, empty, mesh_from_world};
 use crate::{PointCloud, TriMesh};
 
 /// Every `v` line, with colours where all have them and normals where they are one to one.
 pub(crate) fn read_cloud(bytes: &[u8]) -> Result<PointCloud> {
-    let mut object = Object::read(bytes)?;
+    let mut object = Object::default().read(bytes)?;
     let mut cloud = PointCloud::from_world(&object.positions);
     cloud.normals = object.vertex_normals();
     cloud.colors = object.take_colors();
     Ok(cloud)
 }
 
-/// The faces as fans of triangles over every `v` line.
-pub(crate) fn read_mesh(bytes: &[u8]) -> Result<TriMesh> {
-    let mut object = Object::read(bytes)?;
+/// The materials that an OBJ file names.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(crate) struct NamedMaterials {
+    /// Files of `mtllib` lines.
+    pub(crate) libraries: Vec<String>,
+    /// Names of `usemtl` lines, in order of first use, with the line that first uses each.
+    pub(crate) names: Vec<(String, u64)>,
+    /// `[triangles]` index into `names`, or `u32::MAX` before the first `usemtl`.
+    pub(crate) name_of: Vec<u32>,
+}
+
+/// The faces as triangles over every `v` line.
+pub(crate) fn read_mesh(bytes: &[u8], polygons: Polygons) -> Result<TriMesh> {
+    read_faces(bytes, polygons).map(|(mesh, _)| mesh)
+}
+
+/// The faces as fans of triangles, with the name of each triangle's material.
+pub(crate) fn read_named(bytes: &[u8]) -> Result<(TriMesh, NamedMaterials)> {
+    read_faces(bytes, Polygons::Fans)
+}
+
+fn read_faces(bytes: &[u8], polygons: Polygons) -> Result<(TriMesh, NamedMaterials)> {
+    let mut object = Object { polygons, ..Object::default() }.read(bytes)?;
     if object.triangles.is_empty() {
         return Err(FileError::new(NAME, Place::Whole, "no faces", "\"f\" lines of three or more corners").into());
     }
@@ -27,7 +51,7 @@ pub(crate) fn read_mesh(bytes: &[u8]) -> Result<TriMesh> {
     let mut mesh = mesh_from_world(&object.positions, std::mem::take(&mut object.triangles));
     mesh.normals = normals;
     mesh.colors = object.take_colors();
-    Ok(mesh)
+    Ok((mesh, object.materials))
 }
 
 #[derive(Default)]
@@ -41,6 +65,11 @@ struct Object {
     some_corner_has_no_normal: bool,
     largest_vertex: Option<Named>,
     largest_normal: Option<Named>,
+    materials: NamedMaterials,
+    /// The name in force.
+    material: Option<u32>,
+    known: HashMap<String, u32>,
+    polygons: Polygons,
 }
 
 /// An index (from 0) and the line that names it.
@@ -51,11 +80,11 @@ struct Named {
 }
 
 impl Object {
-    fn read(bytes: &[u8]) -> Result<Self> {
+    fn read(self, bytes: &[u8]) -> Result<Self> {
         if bytes.is_empty() {
             return Err(empty(NAME, "\"v\" lines").into());
         }
-        let mut object = Self::default();
+        let mut object = self;
         let mut joined: Vec<u8> = vec![];
         for (n, line) in Lines::new(bytes) {
             // A backslash at the end of a line joins it with the next.
@@ -89,6 +118,20 @@ impl Object {
                 Ok(())
             }
             Some(b"f") => self.take_face(line, rest),
+            Some(b"mtllib") => {
+                self.materials.libraries.push(name_after(text, b"mtllib"));
+                Ok(())
+            }
+            Some(b"usemtl") => {
+                let name = name_after(text, b"usemtl");
+                let next = self.materials.names.len() as u32;
+                let number = *self.known.entry(name.clone()).or_insert(next);
+                if number == next {
+                    self.materials.names.push((name, line));
+                }
+                self.material = Some(number);
+                Ok(())
+            }
             _ => Ok(()),
         }
     }
@@ -118,7 +161,9 @@ impl Object {
                 (None, _) => fan = Some(corner),
                 (Some(_), None) => previous = Some(corner),
                 (Some(first), Some(second)) => {
-                    self.add_triangle([first, second, corner]);
+                    if n_corners == 3 || self.polygons == Polygons::Fans {
+                        self.add_triangle([first, second, corner]);
+                    }
                     previous = Some(corner);
                 }
             }
@@ -132,6 +177,7 @@ impl Object {
 
     fn add_triangle(&mut self, corners: [(u32, Option<u32>); 3]) {
         self.triangles.push(corners.map(|(vertex, _)| vertex));
+        self.materials.name_of.push(self.material.unwrap_or(u32::MAX));
         if self.some_corner_has_no_normal {
             return;
         }
@@ -192,6 +238,12 @@ impl Object {
         }
         Some(read)
     }
+}
+
+/// What stands behind the key word, spaces inside it included.
+pub(super) fn name_after(text: &[u8], key: &[u8]) -> String {
+    let trimmed = text.trim_ascii();
+    String::from_utf8_lossy(trimmed.strip_prefix(key).unwrap_or(trimmed).trim_ascii()).into_owned()
 }
 
 fn three<'a>(line: u64, rest: &mut impl Iterator<Item = &'a [u8]>, what: &str) -> Result<[f64; 3]> {

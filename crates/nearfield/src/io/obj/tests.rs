@@ -2,9 +2,15 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{read_cloud, read_mesh, write_cloud, write_mesh};
+use super::{read_cloud, write_cloud, write_mesh};
+use crate::io::Polygons;
 use crate::io::test_data::real_file;
-use crate::{Error, PointCloud, TriMesh};
+use crate::{Error, PointCloud, Result, TriMesh};
+
+/// Polygons as fans.
+fn read_mesh(bytes: &[u8]) -> Result<TriMesh> {
+    super::read_mesh(bytes, Polygons::Fans)
+}
 
 fn message(bytes: &[u8]) -> String {
     match read_mesh(bytes) {
@@ -22,6 +28,18 @@ fn polygons_become_fans_over_all_vertices_whatever_the_material_file() {
     assert_eq!(mesh.vertices.len(), 5);
     assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 2]]);
     assert_eq!(read_cloud(text).unwrap().len(), 5);
+}
+
+#[test]
+fn of_polygons_the_first_three_corners_may_be_taken_and_all_are_checked() {
+    let text = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\nf 1 2 3 4 5\nf 2 3 4\n";
+    let mesh = super::read_mesh(text, Polygons::FirstThree).unwrap();
+    assert_eq!(mesh.triangles, [[0, 1, 2], [1, 2, 3]]);
+    let beyond = super::read_mesh(b"v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3 4\n", Polygons::FirstThree);
+    assert!(beyond.unwrap_err().to_string().contains("vertex index 4"));
+    if let Some(bytes) = real_file("accel-bunny-b.obj") {
+        assert_eq!(super::read_mesh(&bytes, Polygons::FirstThree).unwrap().triangles.len(), 29_808);
+    }
 }
 
 #[test]

@@ -9,18 +9,18 @@ use super::body::{Ascii, Binary, Lists, SEPARATOR, Source, Values, read_element}
 use super::header::{self, Element, Encoding, Header, Kind};
 use crate::error::{FileError, Place, Result};
 use crate::geometry::{Attribute, Column};
-use crate::io::colors;
 use crate::io::text::{Lines, shown};
+use crate::io::{Polygons, colors};
 use crate::{PointCloud, TriMesh};
 
 /// All vertices with normals, colours and, as attributes, every other scalar.
 pub(crate) fn read_cloud(bytes: &[u8]) -> Result<PointCloud> {
-    Ok(read(bytes)?.0)
+    Ok(read(bytes, Polygons::Fans)?.0)
 }
 
-/// The faces, polygons as fans and strips cut into triangles, with normals and colours of the vertices.
-pub(crate) fn read_mesh(bytes: &[u8]) -> Result<TriMesh> {
-    let (cloud, triangles) = read(bytes)?;
+/// The faces, polygons and strips cut into triangles, with normals and colours of the vertices.
+pub(crate) fn read_mesh(bytes: &[u8], polygons: Polygons) -> Result<TriMesh> {
+    let (cloud, triangles) = read(bytes, polygons)?;
     let Some(triangles) = triangles else {
         let expected = "faces: an element with a list \"vertex_indices\" or \"tristrips\"";
         return Err(FileError::new(NAME, Place::Whole, "only points", expected).into());
@@ -29,17 +29,21 @@ pub(crate) fn read_mesh(bytes: &[u8]) -> Result<TriMesh> {
     Ok(TriMesh { origin, vertices, triangles, normals, colors })
 }
 
-fn read(bytes: &[u8]) -> Result<(PointCloud, Option<Vec<[u32; 3]>>)> {
+fn read(bytes: &[u8], polygons: Polygons) -> Result<(PointCloud, Option<Vec<[u32; 3]>>)> {
     let mut lines = Lines::new(bytes);
     let header = header::read(&mut lines)?;
     let body = bytes.len() - lines.rest().len();
     match header.encoding {
-        Encoding::Ascii => read_elements(&header, Ascii::new(lines)),
-        _ => read_elements(&header, Binary::new(bytes, body, &header)),
+        Encoding::Ascii => read_elements(&header, Ascii::new(lines), polygons),
+        _ => read_elements(&header, Binary::new(bytes, body, &header), polygons),
     }
 }
 
-fn read_elements(header: &Header, mut source: impl Source) -> Result<(PointCloud, Option<Vec<[u32; 3]>>)> {
+fn read_elements(
+    header: &Header,
+    mut source: impl Source,
+    polygons: Polygons,
+) -> Result<(PointCloud, Option<Vec<[u32; 3]>>)> {
     let Some(vertex) = header.elements.iter().find(|e| e.name == "vertex") else {
         return Err(FileError::new(NAME, Place::Whole, "no element \"vertex\"", "one with x, y and z").into());
     };
@@ -62,7 +66,7 @@ fn read_elements(header: &Header, mut source: impl Source) -> Result<(PointCloud
                 if is_strips(element, &property.name) {
                     cut_strips(lists, triangles);
                 } else {
-                    cut_polygons(lists, triangles);
+                    cut_polygons(lists, polygons, triangles);
                 }
             }
         }
@@ -99,15 +103,16 @@ fn check_index_types(header: &Header) -> Result<()> {
     Ok(())
 }
 
-fn cut_polygons(lists: &Lists, triangles: &mut Vec<[u32; 3]>) {
-    let corners: usize = lists.lengths.iter().map(|&length| (length as usize).saturating_sub(2)).sum();
-    triangles.reserve_exact(corners);
+fn cut_polygons(lists: &Lists, polygons: Polygons, triangles: &mut Vec<[u32; 3]>) {
+    let most = if polygons == Polygons::Fans { usize::MAX } else { 1 };
+    let of_face = |&length: &u32| (length as usize).saturating_sub(2).min(most);
+    triangles.reserve_exact(lists.lengths.iter().map(of_face).sum());
     let mut rest = &lists.items[..];
     for &length in &lists.lengths {
         let (polygon, behind) = rest.split_at(length as usize);
         rest = behind;
         if let Some((&first, others)) = polygon.split_first() {
-            triangles.extend(others.windows(2).map(|edge| [first, edge[0], edge[1]]));
+            triangles.extend(others.windows(2).take(most).map(|edge| [first, edge[0], edge[1]]));
         }
     }
 }

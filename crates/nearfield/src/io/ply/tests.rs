@@ -2,10 +2,16 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{read_cloud, read_mesh, write_cloud, write_mesh};
+use super::{read_cloud, write_cloud, write_mesh};
 use crate::geometry::{Attribute, Column};
+use crate::io::Polygons;
 use crate::io::test_data::real_file;
-use crate::{Error, PointCloud, TriMesh};
+use crate::{Error, PointCloud, Result, TriMesh};
+
+/// Polygons as fans.
+fn read_mesh(bytes: &[u8]) -> Result<TriMesh> {
+    super::read_mesh(bytes, Polygons::Fans)
+}
 
 const BODY_HEADER: &str = "element vertex 4\nproperty double x\nproperty float y\nproperty short z\n\
     property uchar red\nproperty uchar green\nproperty uchar blue\nproperty list uchar int unused\n\
@@ -80,6 +86,7 @@ fn all_three_encodings_give_the_same_cloud_and_mesh() {
         assert_eq!(cloud.attributes, [id, sign]);
         let mesh = read_mesh(&bytes).unwrap();
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 2]]);
+        assert_eq!(super::read_mesh(&bytes, Polygons::FirstThree).unwrap().triangles, [[0, 1, 2]; 2]);
         assert_eq!((mesh.vertices, mesh.colors), (cloud.points, cloud.colors));
     }
 }

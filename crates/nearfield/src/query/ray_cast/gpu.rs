@@ -86,6 +86,19 @@ fn cast<S: GpuRayStructure>(
     Ok(())
 }
 
+/// Checks that no ray was abandoned.
+///
+/// # Errors
+/// `Unsupported` where the device ends loops before a ray is through.
+fn check_finished<S: GpuRayStructure>(structure: &S, mut words: impl Iterator<Item = u32>) -> Result<()> {
+    match structure.gpu().limits().loop_rounds {
+        Some(limit) if words.any(|word| word == HitRecord::ABANDONED) => {
+            Err(on_device::too_many_rounds(structure, limit))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Appends what a buffer holds.
 fn read_into<T: DeviceElement>(gpu: &Gpu, buffer: &Buffer<T>, to: &mut Vec<T>, report: &mut Report) -> Result<()> {
     let read = Instant::now();
@@ -105,6 +118,7 @@ fn words<S: GpuRayStructure>(structure: &S, rays: &[Ray], code: &HitCode) -> Res
         cast(structure, &rays[range], code, &[(&buffer).into()], report)?;
         read_into(gpu, &buffer, &mut answers, report)
     })?;
+    check_finished(structure, answers.iter().copied())?;
     report.host_stage("total", start);
     Ok((answers, report))
 }
@@ -124,6 +138,7 @@ fn closest<S: GpuRayStructure>(structure: &S, rays: &[Ray]) -> Result<Hits> {
         cast(structure, &rays[range], &CLOSEST, &[(&hits).into()], report)?;
         read_into(gpu, &hits, &mut records, report)
     })?;
+    check_finished(structure, records.iter().map(|record| record.triangle))?;
     with_endless_misses(&mut records);
     report.host_stage("total", start);
     Ok(Hits { records, triangles: structure.triangles().clone(), report })
@@ -144,6 +159,7 @@ fn closest_with_work<S: GpuRayStructure>(structure: &S, rays: &[Ray]) -> Result<
         works.extend(read_work);
         Ok(())
     })?;
+    check_finished(structure, records.iter().map(|record| record.triangle))?;
     with_endless_misses(&mut records);
     report.host_stage("total", start);
     Ok((Hits { records, triangles: structure.triangles().clone(), report }, works))

@@ -27,6 +27,9 @@ impl HitRecord {
     pub const MISS: u32 = u32::MAX;
     /// Index that stands for "this ray cannot be cast".
     pub const INVALID: u32 = u32::MAX - 1;
+    /// Index that stands for "the device ends loops before this ray was through": only in buffers on software devices,
+    /// an error everywhere else.
+    pub const ABANDONED: u32 = u32::MAX - 2;
 
     /// Nothing was hit.
     pub const fn miss() -> Self {
@@ -40,7 +43,7 @@ impl HitRecord {
 
     /// Whether a triangle was hit.
     pub const fn is_hit(&self) -> bool {
-        self.triangle < Self::INVALID
+        self.triangle < Self::ABANDONED
     }
 }
 

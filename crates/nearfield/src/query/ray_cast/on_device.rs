@@ -48,20 +48,21 @@ pub(super) const ALL: HitCode = HitCode {
 /// `Unsupported` where it may end them before.
 pub(super) fn check_loops<S: GpuRayStructure>(structure: &S) -> Result<()> {
     let Some(limit) = structure.gpu().limits().loop_rounds else { return Ok(()) };
-    let rounds = structure.most_rounds();
-    if rounds <= u64::from(limit) {
-        return Ok(());
-    }
-    Err(Error::Unsupported {
+    let rounds = structure.fewest_rounds();
+    if rounds <= u64::from(limit) { Ok(()) } else { Err(too_many_rounds(structure, limit)) }
+}
+
+/// The error for rays that a software device cannot follow to their end.
+pub(super) fn too_many_rounds<S: GpuRayStructure>(structure: &S, limit: u32) -> Error {
+    Error::Unsupported {
         what: format!(
-            "casting rays into {} triangles by {} on {}, which ends the loops of a kernel after {limit} rounds and may need \
-             {rounds},",
+            "casting rays into {} triangles by {} on {}, which ends the loops of a kernel after {limit} rounds,",
             structure.triangles().len(),
             S::NAME,
             structure.gpu().name()
         ),
         advice: "use the CPU, or a structure that looks at fewer triangles",
-    })
+    }
 }
 
 /// Records one cast: `workgroups` invocations, of which the first `count` have a ray.
@@ -105,8 +106,8 @@ pub(super) fn record<S: GpuRayStructure>(
 /// `rays` may hold more than `count` rays; those beyond are not cast. With [`Workgroups::Covering`]`(count)` all are; a
 /// kernel that ran before may leave fewer, in workgroups of 64, by [`Workgroups::Indirect`].
 pub trait RaysOnDevice {
-    /// First hit of each ray: `hits[i]` for `rays[i]`, [`HitRecord::MISS`] or [`HitRecord::INVALID`] with the largest
-    /// f32 as t where there is none.
+    /// First hit of each ray: `hits[i]` for `rays[i]`, [`HitRecord::MISS`], [`HitRecord::INVALID`] or, on software
+    /// devices that end long loops, [`HitRecord::ABANDONED`] with the largest f32 as t where there is none.
     ///
     /// # Errors
     /// `LengthMismatch` where a buffer is shorter than `count`; `Unsupported` on devices that end long loops;
@@ -134,7 +135,8 @@ pub trait RaysOnDevice {
         work: &Buffer<RayWork>,
     ) -> Result<()>;
 
-    /// Whether each ray hits anything: 0 for a miss, 1 for a hit, 2 for a ray that cannot be cast.
+    /// Whether each ray hits anything: 0 for a miss, 1 for a hit, 2 for a ray that cannot be cast,
+    /// [`HitRecord::ABANDONED`] as above.
     ///
     /// # Errors
     /// As [`RaysOnDevice::record_closest`].

@@ -10,14 +10,15 @@ use crate::structure::Effort;
 pub(super) const MOST_IN_STEP: u32 = 64;
 
 /// Upper bounds for balls of this radius around the points, or around any place within `queries`; `in_step` of them are
-/// answered together, and under `packed` go through the tree together.
+/// answered together, and under `packed` go through the tree together until some leave the pack.
 pub(super) fn most(tree: &AabbTree, radius: f32, queries: Option<&Aabb>, in_step: u32, packed: bool) -> Effort {
     let (n_nodes, n_leaves) = (tree.boxes.len() as u64, tree.shape.n_leaves() as u64);
     let in_step = u64::from(in_step);
     // A loop over a leaf takes up to two rounds more than full ones.
     let everything = Effort { candidates: tree.points.len() as u64, rounds: n_nodes + 2 * n_leaves };
-    // Apart, invocations need not be in leaves at the same time.
-    let apart = if packed { 1 } else { in_step };
+    // Apart, invocations need not be in leaves at the same time. Those that leave a pack still take each step in the same
+    // round as the others, and no way has more steps than nodes, of which half are leaves.
+    let apart = if packed { 2 } else { in_step };
     let times =
         |effort: Effort, factor: u64| Effort { candidates: effort.candidates * factor, rounds: effort.rounds * factor };
     if queries.is_some() || packed {

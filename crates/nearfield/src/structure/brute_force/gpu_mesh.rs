@@ -109,7 +109,7 @@ impl GpuRayStructure for GpuBruteForceMesh {
         vec![(Access::Uniform, (&self.list).into()), (Access::Read, (&self.buffer).into())]
     }
 
-    fn most_rounds(&self) -> u64 {
+    fn fewest_rounds(&self) -> u64 {
         (self.triangles.len() as u64).div_ceil(TRIANGLES_A_ROUND) + 1
     }
 

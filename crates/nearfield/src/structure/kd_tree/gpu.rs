@@ -37,7 +37,6 @@ pub struct GpuKdTree {
     nodes: Buffer<KdNode>,
     leaves: Buffer<KdLeaf>,
     references: Buffer<u32>,
-    most_rounds: u64,
     stages: Vec<BuildStage>,
 }
 
@@ -69,7 +68,6 @@ impl GpuKdTree {
             leaves: gpu.upload("leaves of the kd-tree", tree.leaves())?,
             references: gpu.upload("references of the kd-tree", references)?,
             triangles,
-            most_rounds: if gpu.limits().loop_rounds.is_some() { tree.most_rounds_of_a_walk() } else { 0 },
             stages: tree.build_stages().to_vec(),
         };
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
@@ -111,8 +109,8 @@ impl GpuRayStructure for GpuKdTree {
         ]
     }
 
-    fn most_rounds(&self) -> u64 {
-        self.most_rounds
+    fn fewest_rounds(&self) -> u64 {
+        0
     }
 
     fn build_stages(&self) -> &[BuildStage] {

@@ -28,7 +28,6 @@ mod gpu;
 mod layout;
 mod ropes;
 #[cfg(feature = "gpu")]
-mod rounds;
 mod settings;
 mod split_binned;
 mod split_events;

@@ -137,9 +137,8 @@ impl GpuRayStructure for GpuTriangleBvh {
         vec![(Access::Read, (&self.nodes).into()), (Access::Read, (&self.in_order).into())]
     }
 
-    /// Every round looks at a node or tests a triangle, each at most once.
-    fn most_rounds(&self) -> u64 {
-        (self.nodes.len() + self.in_order.len()) as u64 + 1
+    fn fewest_rounds(&self) -> u64 {
+        0
     }
 
     fn build_stages(&self) -> &[BuildStage] {

@@ -7,8 +7,8 @@
 //! Source: Wald2007 for the binned build, Ylitie2017 for the collapse, the compressed nodes and their walk on the GPU,
 //! Woop2013 for the triangle test. Differs: leaves hold blocks of eight triangles on the CPU; boxes are widened by
 //! the margin of [`crate::geometry::RaySpace`], so that answers are those of brute force to the bit; splits go by the
-//! median below a depth of 48, so that stacks have a bound. Cost: 48 bytes a prepared triangle, on the CPU about 110 more
-//! and on the GPU about 75; build O(n log n); refit O(n). When to use: whenever rays are cast at a mesh; a kd-tree
+//! median below a depth of 48, so that stacks have a bound. Cost: 48 bytes a prepared triangle, on the CPU about 85 more
+//! and on the GPU 80 a node; build O(n log n); refit O(n). When to use: whenever rays are cast at a mesh; a kd-tree
 //! with ropes meets triangles in the order of the ray, brute force needs no build.
 //!
 //! Invariants:

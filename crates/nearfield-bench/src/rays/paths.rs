@@ -1,0 +1,196 @@
+//! Accel's path tracer again: a bunny of 5,000 triangles in a room, 800 × 800 pixels, ten scatterings; how many
+//! iterations in two minutes, or how long 168 of them take, by ropes and by brute force.
+//!
+//! The first iteration by every structure must give the picture of the first structure on its device: on the CPU to the
+//! bit, on a GPU but for few pixels, where rounding at edges sends a path another way.
+
+use std::time::Instant;
+
+use nearfield::application::{Film, GpuPathTracer, Material, PathSettings, PathTracer, Scene as Room};
+use nearfield::{GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, RaysOnDevice, Vec3};
+
+use super::method::{self, Method, Scene};
+use super::rows::{Row, digits};
+use super::{Lab, meshes, published};
+use crate::Result;
+
+/// Side of Accel's picture.
+const SIDE: usize = 800;
+/// Scatterings of its paths.
+const DEPTH: u32 = 10;
+/// Seconds in which it counted iterations.
+const SECONDS: f64 = 120.0;
+/// A structure may take this share of what is left of the budget.
+const SHARE: f64 = 1.0 / 6.0;
+/// The largest share of pixels that may differ on a GPU.
+const MOST_DIFFERING: f64 = 0.02;
+
+/// Iterations that were made, the seconds they took, and the picture of the first.
+struct Made {
+    iterations: usize,
+    seconds: f64,
+    first: Vec<Vec3>,
+    rays: u64,
+}
+
+/// Repeats a pass until 168 are made or the seconds are over. The first is made twice: it is not timed.
+fn iterate(seconds: f64, mut pass: impl FnMut() -> Result<()>) -> Result<(usize, f64)> {
+    let begin = Instant::now();
+    for iterations in 1.. {
+        pass()?;
+        let passed = begin.elapsed().as_secs_f64();
+        if iterations == published::ITERATIONS[0] || passed >= seconds {
+            return Ok((iterations, passed));
+        }
+    }
+    unreachable!("there are fewer iterations than numbers")
+}
+
+fn on_cpu(room: &Room, search: &dyn nearfield::RaySearch, side: u32, seconds: f64) -> Result<Made> {
+    let settings = PathSettings { depth: DEPTH, ..PathSettings::default() };
+    let mut tracer = PathTracer::new(room.clone(), search, settings)?;
+    let mut film = Film::new(side, side)?;
+    tracer.render_pass(&mut film)?;
+    let first = film.sums().to_vec();
+    let before = tracer.counters();
+    let (iterations, seconds) = iterate(seconds, || Ok(tracer.render_pass(&mut film)?))?;
+    let after = tracer.counters();
+    let rays = after.rays + after.shadow_rays - before.rays - before.shadow_rays;
+    Ok(Made { iterations, seconds, first, rays })
+}
+
+fn on_gpu<S: RaysOnDevice + nearfield::structure::GpuRayStructure>(
+    room: &Room,
+    structure: &S,
+    side: u32,
+    seconds: f64,
+) -> Result<Made> {
+    let settings = PathSettings { depth: DEPTH, ..PathSettings::default() };
+    let mut tracer = GpuPathTracer::new(room.clone(), structure, settings, side, side)?;
+    tracer.render_pass()?;
+    let first = tracer.film()?.sums().to_vec();
+    let (iterations, seconds) = iterate(seconds, || Ok(tracer.render_pass()?))?;
+    // The device casts no fewer rays where paths end, and does not count them.
+    Ok(Made { iterations, seconds, first, rays: 0 })
+}
+
+/// Checks a first picture against that of the first structure of its device.
+///
+/// # Errors
+/// Another picture.
+pub fn check_picture(found: &[Vec3], expected: &[Vec3], on_gpu: bool) -> Result<()> {
+    let differing = found.iter().zip(expected).filter(|(a, b)| a != b).count();
+    let most = if on_gpu { (MOST_DIFFERING * expected.len() as f64).ceil() as usize } else { 0 };
+    if found.len() != expected.len() || differing > most {
+        let n = expected.len();
+        return Err(format!("wrong answer: {differing} of {n} pixels differ from the first structure's").into());
+    }
+    if !found.iter().any(|sum| sum.max_element() > 0.0) || found.iter().any(|sum| !sum.is_finite()) {
+        return Err("wrong answer: a picture that is black or not finite".into());
+    }
+    Ok(())
+}
+
+/// Measures ropes, hierarchy and brute force on CPU and GPU.
+///
+/// # Errors
+/// What a build or a pass returns; a picture that is wrong.
+pub fn measure(lab: &mut Lab) -> Result<()> {
+    let named = lab.source.mesh(meshes::ACCEL[1])?;
+    let room = Room::room_around(named.mesh, Material::default())?;
+    let scene = Scene::new(&room.mesh, &lab.tree)?;
+    let side = lab.side(SIDE);
+    let mut firsts: [Option<Vec<Vec3>>; 2] = [None, None];
+    let order =
+        [Method::GpuRopes, Method::GpuBvh, Method::GpuBrute, Method::CpuRopes, Method::CpuBvh, Method::CpuBrute];
+    for method in order {
+        let seconds = SECONDS.min(SHARE * lab.left());
+        let Some(made) = make(lab, &room, &scene, method, (side as u32, seconds))? else { continue };
+        let is_tree = matches!(method, Method::CpuRopes | Method::GpuRopes);
+        let row = Row {
+            part: "paths",
+            mesh: format!("{} in a room", named.name),
+            triangles: room.mesh.triangles.len(),
+            method: method.name().to_owned(),
+            how: if is_tree { method::tree_name(&lab.tree) } else { String::new() },
+            device: lab.device(method),
+            target: if method == Method::GpuRopes { "168 in ≤ 2 s".to_owned() } else { String::new() },
+            ..Row::default()
+        };
+        let made = match made {
+            Ok(made) => made,
+            Err(note) => {
+                lab.add(Row { note, ..row });
+                continue;
+            }
+        };
+        let first = &mut firsts[usize::from(method.on_gpu())];
+        match first {
+            Some(expected) => check_picture(&made.first, expected, method.on_gpu())?,
+            None => {
+                check_picture(&made.first, &made.first, method.on_gpu())?;
+                *first = Some(made.first.clone());
+            }
+        }
+        lab.add(Row { note: sentence(&made, method, side), ..row });
+    }
+    if let [Some(cpu), Some(gpu)] = &firsts {
+        let mean = |sums: &[Vec3]| sums.iter().map(|s| s.as_dvec3().element_sum()).sum::<f64>() / sums.len() as f64;
+        let (cpu, gpu) = (mean(cpu), mean(gpu));
+        if (cpu - gpu).abs() > MOST_DIFFERING * cpu {
+            return Err(format!("wrong answer: the GPU's picture has a mean of {gpu}, the CPU's of {cpu}").into());
+        }
+    }
+    Ok(())
+}
+
+/// What was made, in words: measured numbers, and what follows from them where fewer were made.
+fn sentence(made: &Made, method: Method, side: usize) -> String {
+    let [by_ropes, by_brute] = published::ITERATIONS;
+    let each = made.seconds / made.iterations as f64;
+    let of_accel = if method.is_brute() { by_brute } else { by_ropes };
+    let follows = match made.iterations >= by_ropes {
+        true => format!("so {:.0} in two minutes", SECONDS / each),
+        false => {
+            format!("so {:.1} in two minutes and {} s for {by_ropes}", SECONDS / each, digits(by_ropes as f64 * each))
+        }
+    };
+    let rays = match made.rays {
+        0 => String::new(),
+        rays => format!("; {} Mrays/s", digits(rays as f64 * 1e-6 / made.seconds)),
+    };
+    format!(
+        "{} iterations of {side} × {side} in {} s, {follows}{rays}; Accel's GPU: {of_accel} in two minutes",
+        made.iterations,
+        digits(made.seconds)
+    )
+}
+
+/// Builds the structure and iterates; `None` where there is no GPU, the reason where the device does not do it.
+fn make(
+    lab: &Lab,
+    room: &Room,
+    scene: &Scene,
+    method: Method,
+    (side, seconds): (u32, f64),
+) -> Result<Option<std::result::Result<Made, String>>> {
+    let made = match (method, lab.gpu()) {
+        (Method::GpuRopes, Some(gpu)) => on_gpu(room, &GpuKdTree::upload(gpu, scene.tree())?, side, seconds),
+        (Method::GpuBvh, Some(gpu)) => {
+            let bvh = GpuTriangleBvh::of(gpu, scene.triangles.clone(), &nearfield::BvhSettings::default())?;
+            on_gpu(room, &bvh, side, seconds)
+        }
+        (Method::GpuBrute, Some(gpu)) => {
+            on_gpu(room, &GpuBruteForceMesh::of(gpu, scene.triangles.clone())?, side, seconds)
+        }
+        (method, None) if method.on_gpu() => return Ok(None),
+        _ => {
+            let Some(built) = scene.build(method, None)? else { return Ok(None) };
+            on_cpu(room, built.search.as_search(), side, seconds)
+        }
+    };
+    match made {
+        Ok(made) => Ok(Some(Ok(made))),
+        Err(error) => Ok(Some(Err(super::unsupported(error)?))),
+    }
+}

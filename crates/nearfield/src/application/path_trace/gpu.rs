@@ -1,0 +1,218 @@
+//! The path tracer on a device: the stages are kernels over tiles of paths that never leave it.
+//!
+//! A pass is one submission a tile. Rays are cast by the structure's own kernels ([`RaysOnDevice`]); a path that has
+//! ended keeps its place and casts a ray of no length.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::Vec3;
+
+use super::cpu::pass_parameters;
+use super::film::Film;
+use super::generate::{PathParameters, PathState};
+use super::gpu_tables::GpuTables;
+use super::scene::Scene;
+use super::tables::SceneTables;
+use super::{PathCounters, PathSettings};
+use crate::geometry::Ray;
+use crate::gpu::{Access, Buffer, Gpu, Kernel, Pipeline, Workgroups};
+use crate::query::{HitRecord, RaysOnDevice};
+use crate::structure::GpuRayStructure;
+use crate::{Error, Result};
+
+/// Most paths of a tile: 212 bytes each.
+const TILE: usize = 1 << 20;
+/// Invocations of a workgroup.
+const WORKGROUP: u32 = 64;
+
+/// A path tracer over a structure on a device. Scene, film and paths stay there until [`GpuPathTracer::film`].
+///
+/// For the same samples the picture is that of [`super::PathTracer`] but for rounding: devices may contract products and sums and
+/// round quotients differently. Where a choice falls the other way by that, a path differs.
+pub struct GpuPathTracer<'a, S> {
+    structure: &'a S,
+    scene: Scene,
+    settings: PathSettings,
+    tables: GpuTables,
+    kernels: [Arc<Pipeline>; 3],
+    tile: Tile,
+    film: Buffer<[f32; 4]>,
+    dropped: Buffer<u32>,
+    /// Size and number of samples of the film.
+    shape: Film,
+    counters: PathCounters,
+}
+
+/// The paths of a tile.
+struct Tile {
+    len: usize,
+    paths: Buffer<PathState>,
+    rays: Buffer<Ray>,
+    hits: Buffer<HitRecord>,
+    shadows: Buffer<Ray>,
+    states: Buffer<u32>,
+    lights: Buffer<[f32; 4]>,
+    samples: Buffer<[f32; 4]>,
+}
+
+impl Tile {
+    fn new(gpu: &Gpu, len: usize) -> Result<Self> {
+        Ok(Self {
+            len,
+            paths: gpu.buffer("paths", len)?,
+            rays: gpu.buffer("rays of paths", len)?,
+            hits: gpu.buffer("hits of paths", len)?,
+            shadows: gpu.buffer("shadow rays", len)?,
+            states: gpu.buffer("answers to shadow rays", len)?,
+            lights: gpu.buffer("light of paths", 2 * len)?,
+            samples: gpu.buffer("samples", len)?,
+        })
+    }
+}
+
+impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
+    /// Over `structure`, built over the mesh of the scene, with an empty picture of `width` by `height` pixels.
+    ///
+    /// # Errors
+    /// As [`super::PathTracer::new`] and [`Film::new`]; `OutOfDeviceMemory`, `DeviceLost`, `KernelRejected`.
+    pub fn new(scene: Scene, structure: &'a S, settings: PathSettings, width: u32, height: u32) -> Result<Self> {
+        scene.check()?;
+        settings.check()?;
+        let shape = Film::new(width, height)?;
+        let prepared = structure.triangles();
+        let (found, expected) = (prepared.len() as u64, scene.mesh.triangles.len() as u64);
+        if found != expected {
+            return Err(Error::LengthMismatch { what: "the structure over the scene's triangles", found, expected });
+        }
+        let gpu = structure.gpu();
+        let pixels = shape.sums().len();
+        let tables = GpuTables::upload(gpu, &SceneTables::new(&scene, prepared.as_slice(), prepared.space()))?;
+        let film = gpu.buffer("film", pixels)?;
+        let dropped = gpu.buffer("samples left out", 1)?;
+        let tile = Tile::new(gpu, pixels.min(TILE))?;
+        let mut commands = gpu.commands("clear film");
+        commands.clear(&film);
+        commands.clear(&dropped);
+        commands.submit()?;
+        let kernels = [generate_kernel(gpu)?, shade_kernel(gpu)?, accumulate_kernel(gpu)?];
+        let counters = PathCounters::default();
+        Ok(Self { structure, scene, settings, tables, kernels, tile, film, dropped, shape, counters })
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Samples that each pixel has.
+    pub fn samples(&self) -> u32 {
+        self.shape.samples()
+    }
+
+    /// What all passes so far have done. Rays are counted as if no path ended: at most so many were cast.
+    pub fn counters(&self) -> PathCounters {
+        self.counters
+    }
+
+    /// Adds one sample to every pixel, and waits for it.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory`, `DeviceLost`, `Device`; `Unsupported` on devices that end long loops; `TooMany` after
+    /// 2³² − 1 samples. After an error the picture may hold a part of the pass.
+    pub fn render_pass(&mut self) -> Result<()> {
+        let start = Instant::now();
+        let parameters = pass_parameters(&self.scene, &self.settings, &self.shape)?;
+        let pixels = self.shape.sums().len();
+        for first in (0..pixels).step_by(self.tile.len) {
+            let n_paths = self.tile.len.min(pixels - first);
+            self.trace_tile(PathParameters { first_pixel: first as u32, n_paths: n_paths as u32, ..parameters })?;
+        }
+        self.shape.samples += 1;
+        let depth = u64::from(self.settings.depth);
+        self.counters.add(&PathCounters {
+            paths: pixels as u64,
+            rays: pixels as u64 * (depth + 1),
+            shadow_rays: pixels as u64 * depth,
+            seconds: start.elapsed().as_secs_f64(),
+        });
+        Ok(())
+    }
+
+    /// The stages, one after the other, over all paths of a tile.
+    fn trace_tile(&self, parameters: PathParameters) -> Result<()> {
+        let (gpu, tile) = (self.structure.gpu(), &self.tile);
+        let n = parameters.n_paths as usize;
+        let all = || Workgroups::Covering(n as u64);
+        let [generate, shade, accumulate] = &self.kernels;
+        let mut commands = gpu.commands("trace paths");
+        let shared = gpu.uniform("path parameters", &parameters)?;
+        let binds = [(&shared).into(), (&tile.paths).into(), (&tile.rays).into(), (&tile.samples).into()];
+        commands.stage("generate").dispatch(generate, &binds, all());
+        for depth in 0..=self.settings.depth {
+            let shared = gpu.uniform("path parameters", &PathParameters { depth, ..parameters })?;
+            commands.stage("closest hits");
+            self.structure.record_closest(&mut commands, &tile.rays, n, all(), &tile.hits)?;
+            let binds = [
+                (&shared).into(),
+                (&self.tables.layout).into(),
+                (&self.tables.quads).into(),
+                (&self.tables.words).into(),
+                (&tile.paths).into(),
+                (&tile.hits).into(),
+                (&tile.rays).into(),
+                (&tile.shadows).into(),
+                (&tile.lights).into(),
+            ];
+            commands.stage("shade").dispatch(shade, &binds, all());
+            commands.stage("any hits");
+            self.structure.record_any(&mut commands, &tile.shadows, n, all(), &tile.states)?;
+            let binds = [
+                (&shared).into(),
+                (&tile.lights).into(),
+                (&tile.states).into(),
+                (&tile.samples).into(),
+                (&self.film).into(),
+                (&self.dropped).into(),
+            ];
+            commands.stage("accumulate").dispatch(accumulate, &binds, all());
+        }
+        commands.run().map(drop)
+    }
+
+    /// Reads the picture back.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory` for the staging memory, `OutOfMemory`, `DeviceLost`.
+    pub fn film(&self) -> Result<Film> {
+        let gpu = self.structure.gpu();
+        let mut film = self.shape.clone();
+        for (sum, [r, g, b, _]) in film.sums.iter_mut().zip(gpu.read(&self.film)?) {
+            *sum = Vec3::new(r, g, b);
+        }
+        film.dropped = u64::from(gpu.read(&self.dropped)?[0]);
+        Ok(film)
+    }
+}
+
+use Access::{Read, ReadWrite, Uniform};
+
+fn pipeline(gpu: &Gpu, module: &'static str, entry: &'static str, bindings: &[Access]) -> Result<Arc<Pipeline>> {
+    let constants = &[("WORKGROUP", f64::from(WORKGROUP))];
+    gpu.pipeline(&Kernel { constants, ..Kernel::new(module, entry, bindings, WORKGROUP) })
+}
+
+fn generate_kernel(gpu: &Gpu) -> Result<Arc<Pipeline>> {
+    let bindings = [Uniform, ReadWrite, ReadWrite, ReadWrite];
+    pipeline(gpu, "package::application::path_trace::generate", "generate_rays", &bindings)
+}
+
+fn shade_kernel(gpu: &Gpu) -> Result<Arc<Pipeline>> {
+    let bindings = [Uniform, Uniform, Read, Read, ReadWrite, Read, ReadWrite, ReadWrite, ReadWrite];
+    pipeline(gpu, "package::application::path_trace::shade", "shade_hits", &bindings)
+}
+
+fn accumulate_kernel(gpu: &Gpu) -> Result<Arc<Pipeline>> {
+    let bindings = [Uniform, Read, Read, ReadWrite, ReadWrite, ReadWrite];
+    pipeline(gpu, "package::application::path_trace::accumulate", "accumulate_light", &bindings)
+}

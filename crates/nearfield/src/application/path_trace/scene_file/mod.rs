@@ -1,0 +1,273 @@
+//! Scenes from files: TOML scene files, and meshes with or without materials.
+//!
+//! A scene file names meshes, places them, and gives them materials:
+//!
+//! ```toml
+//! # Everything but `mesh` may be left out. Lengths are those of the meshes, angles degrees, colours red, green, blue.
+//! room = false                        # true: the Cornell-like room around all meshes, with its own lamp and camera
+//!
+//! [camera]
+//! position = [0.0, 1.0, 4.0]          # with `target`; or instead of both:
+//! target = [0.0, 0.5, 0.0]
+//! # direction = [0.0, -0.3, -1.0]     # frames everything, seen along this direction
+//! up = [0.0, 1.0, 0.0]
+//! fov = 40.0                          # between the upper and the lower edge
+//!
+//! [[mesh]]
+//! file = "bunny.obj"                  # beside the scene file; any mesh format, OBJ with its MTL
+//! material = "gold"                   # else the materials of the file, else light grey
+//! scale = 2.0                         # then
+//! rotate = [0.0, 90.0, 0.0]           # about x, then y, then z, then
+//! translate = [0.0, 0.0, 0.0]
+//!
+//! [[material]]
+//! name = "gold"
+//! kind = "ggx"                        # lambert, mirror, dielectric or ggx
+//! color = [1.0, 0.8, 0.3]             # albedo, reflectance or tint
+//! metallic = 1.0                      # ggx
+//! roughness = 0.3                     # ggx
+//! # ior = 1.5                         # dielectric
+//! emission = [0.0, 0.0, 0.0]
+//! two_sided = false                   # emission from both sides
+//!
+//! [[light]]                           # a point light
+//! position = [0.0, 3.0, 0.0]
+//! intensity = [10.0, 10.0, 10.0]
+//!
+//! [environment]
+//! radiance = [1.0, 1.0, 1.0]          # from everywhere; white where a scene has no other light
+//! ```
+
+mod from_mtl;
+mod layout;
+#[cfg(test)]
+mod tests;
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use glam::{DMat3, DVec3, Vec3};
+
+use super::camera::Camera;
+use super::light::{Environment, PointLight};
+use super::material::{Material, Surface};
+use super::scene::{FIELD_OF_VIEW, Scene};
+use crate::error::{FileError, Place};
+use crate::geometry::{PointCloud, TriMesh};
+use crate::io::{Format, read_mesh, read_obj_materials};
+use crate::{Error, Result};
+use layout::{Kind, MaterialEntry, MeshEntry, SceneEntries};
+
+const NAME: &str = "scene";
+
+/// Reads a scene from a TOML scene file, or puts a mesh file into a room.
+///
+/// `width` and `height` are those of the picture, for cameras that frame what there is. A mesh file of any format stands
+/// on the floor of the room of [`Scene::in_room`]; an OBJ file keeps its materials, and where it has none or another
+/// format is read the mesh is light grey. Files of a scene lie relative to it.
+///
+/// # Errors
+/// `Io` that names the file; `File` with the line of a scene, OBJ or MTL file; `InvalidSetting` for a material, light or
+/// camera out of range, or an unknown extension; as [`Scene::check`].
+pub fn read_scene(path: &Path, width: u32, height: u32) -> Result<Scene> {
+    let is_scene = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
+    if is_scene {
+        let text = std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        return parse_scene(&text, path.parent().unwrap_or(Path::new("")), width, height).map_err(
+            |error| match error {
+                Error::File(mut file) if file.path.is_none() => {
+                    file.path = Some(path.to_owned());
+                    Error::File(file)
+                }
+                other => other,
+            },
+        );
+    }
+    let part = read_part(path)?;
+    let scene = Scene {
+        environment: Environment::NONE,
+        materials: part.materials,
+        material_of: part.material_of,
+        ..Scene::of_mesh(part.mesh, Material::default())
+    };
+    let scene = scene.in_room()?;
+    scene.check()?;
+    Ok(scene)
+}
+
+/// As [`read_scene`] from the text of a scene file whose other files lie in `folder`.
+///
+/// # Errors
+/// As [`read_scene`].
+pub fn parse_scene(text: &str, folder: &Path, width: u32, height: u32) -> Result<Scene> {
+    let entries: SceneEntries = toml::from_str(text).map_err(|error| malformed(text, &error))?;
+    let mut materials = vec![];
+    let mut known = HashMap::new();
+    for entry in &entries.material {
+        let number = materials.len() as u32;
+        if known.insert(entry.name.clone(), number).is_some() {
+            return Err(fault(format!("two materials named {:?}", entry.name), "a name of its own for each material"));
+        }
+        materials.push(material_of(entry)?);
+    }
+    if entries.mesh.is_empty() {
+        return Err(fault("no mesh".to_owned(), "one [[mesh]] or more"));
+    }
+    let (mut vertices, mut triangles, mut material_of): (Vec<DVec3>, Vec<[u32; 3]>, Vec<u32>) = Default::default();
+    for entry in &entries.mesh {
+        let part = read_part(&folder.join(&entry.file))?;
+        let first = vertices.len() as u32;
+        if vertices.len() + part.mesh.vertices.len() > u32::MAX as usize {
+            return Err(fault("more than 2^32 - 1 vertices".to_owned(), "fewer or smaller meshes"));
+        }
+        vertices.extend(placed(&part.mesh, entry));
+        triangles.extend(part.mesh.triangles.iter().map(|corners| corners.map(|v| v + first)));
+        match &entry.material {
+            Some(name) => {
+                let Some(&number) = known.get(name) else {
+                    return Err(fault(
+                        format!("material = {name:?} of {}", entry.file),
+                        "the name of a [[material]] of the scene",
+                    ));
+                };
+                material_of.extend(std::iter::repeat_n(number, part.mesh.triangles.len()));
+            }
+            None => {
+                let first = materials.len() as u32;
+                materials.extend(part.materials);
+                material_of.extend(part.material_of.iter().map(|i| i + first));
+            }
+        }
+    }
+    let cloud = PointCloud::from_world(&vertices);
+    let origin = cloud.origin;
+    let mesh = TriMesh { origin, vertices: cloud.points, triangles, ..TriMesh::default() };
+    let lights: Vec<PointLight> = entries
+        .light
+        .iter()
+        .map(|light| PointLight {
+            position: (DVec3::from_array(light.position) - origin).as_vec3(),
+            intensity: Vec3::from_array(light.intensity),
+        })
+        .collect();
+    let is_lit =
+        entries.room || !lights.is_empty() || material_of.iter().any(|&i| materials[i as usize].emission != Vec3::ZERO);
+    let environment = match &entries.environment {
+        Some(environment) => Environment::Constant(Vec3::from_array(environment.radiance)),
+        None if is_lit => Environment::NONE,
+        None => Environment::Constant(Vec3::ONE),
+    };
+    let mut scene = Scene { material_of, materials, lights, environment, ..Scene::of_mesh(mesh, Material::default()) };
+    if entries.room {
+        scene = scene.in_room()?;
+    }
+    scene.camera = camera(&entries, &scene, origin, width, height)?;
+    scene.check()?;
+    Ok(scene)
+}
+
+/// The camera of the file; where it says nothing, that of the room, or one that frames everything along −z.
+fn camera(entries: &SceneEntries, scene: &Scene, origin: DVec3, width: u32, height: u32) -> Result<Camera> {
+    let Some(entry) = &entries.camera else {
+        if entries.room {
+            return Ok(scene.camera);
+        }
+        return Ok(Camera::framing(&scene.bounds(), Vec3::NEG_Z, FIELD_OF_VIEW, width, height));
+    };
+    let fov = entry.fov.unwrap_or(FIELD_OF_VIEW);
+    let relative = |place: [f64; 3]| (DVec3::from_array(place) - origin).as_vec3();
+    let mut camera = match (entry.position, entry.target, entry.direction) {
+        (Some(position), Some(target), None) => {
+            Camera { position: relative(position), target: relative(target), up: Vec3::Y, vertical_fov: fov }
+        }
+        (None, None, Some(direction)) => {
+            let direction = DVec3::from_array(direction).as_vec3();
+            Camera::framing(&scene.bounds(), direction, fov, width, height)
+        }
+        (None, None, None) if entries.room => Camera { vertical_fov: fov, ..scene.camera },
+        (None, None, None) => Camera::framing(&scene.bounds(), Vec3::NEG_Z, fov, width, height),
+        _ => {
+            let found = "a camera with only one of position and target, or with a direction beside them";
+            return Err(fault(found.to_owned(), "position and target, or direction alone, or none of them"));
+        }
+    };
+    if let Some(up) = entry.up {
+        camera.up = DVec3::from_array(up).as_vec3();
+    }
+    Ok(camera)
+}
+
+/// A mesh with a material for every triangle.
+struct Part {
+    mesh: TriMesh,
+    materials: Vec<Material>,
+    material_of: Vec<u32>,
+}
+
+fn read_part(path: &Path) -> Result<Part> {
+    if Format::from_path(path)? != Format::Obj {
+        let mesh = read_mesh(path, None)?;
+        let material_of = vec![0; mesh.triangles.len()];
+        return Ok(Part { mesh, materials: vec![Material::default()], material_of });
+    }
+    let (mesh, named) = read_obj_materials(path)?;
+    let mut materials: Vec<Material> = named.materials.iter().map(from_mtl::material).collect();
+    let without = materials.len() as u32;
+    if named.material_of.iter().any(Option::is_none) {
+        materials.push(Material::default());
+    }
+    let material_of = named.material_of.iter().map(|i| i.unwrap_or(without)).collect();
+    Ok(Part { mesh, materials, material_of })
+}
+
+/// World coordinates of the vertices after scaling, turning and moving.
+fn placed<'a>(mesh: &'a TriMesh, entry: &MeshEntry) -> impl Iterator<Item = DVec3> + 'a {
+    let [x, y, z] = entry.rotate.map(f64::to_radians);
+    let turned = DMat3::from_rotation_z(z) * DMat3::from_rotation_y(y) * DMat3::from_rotation_x(x);
+    // Nothing asked for, nothing rounded.
+    let turned = if entry.rotate == [0.0; 3] { DMat3::IDENTITY } else { turned };
+    let (scale, moved) = (entry.scale.factors(), DVec3::from_array(entry.translate));
+    mesh.vertices.iter().map(move |v| turned * ((mesh.origin + v.as_dvec3()) * scale) + moved)
+}
+
+fn material_of(entry: &MaterialEntry) -> Result<Material> {
+    let color = Vec3::from_array(entry.color.unwrap_or([0.7; 3]));
+    let only = |given: bool, key: &str, kind: &str| {
+        let found = format!("{key} of material {:?}, which is no {kind}", entry.name);
+        if given { Err(fault(found, "keys of the material's kind")) } else { Ok(()) }
+    };
+    if entry.kind != Kind::Ggx {
+        only(entry.metallic.is_some(), "metallic", "ggx")?;
+        only(entry.roughness.is_some(), "roughness", "ggx")?;
+    }
+    if entry.kind != Kind::Dielectric {
+        only(entry.ior.is_some(), "ior", "dielectric")?;
+    }
+    let surface = match entry.kind {
+        Kind::Lambert => Surface::Lambert { albedo: color },
+        Kind::Mirror => Surface::Mirror { reflectance: entry.color.map_or(Vec3::splat(0.95), Vec3::from_array) },
+        Kind::Dielectric => {
+            Surface::Dielectric { ior: entry.ior.unwrap_or(1.5), tint: entry.color.map_or(Vec3::ONE, Vec3::from_array) }
+        }
+        Kind::Ggx => {
+            Surface::Ggx { color, metallic: entry.metallic.unwrap_or(0.0), roughness: entry.roughness.unwrap_or(0.5) }
+        }
+    };
+    Ok(Material { surface, emission: Vec3::from_array(entry.emission), two_sided: entry.two_sided })
+}
+
+fn fault(found: String, expected: &str) -> Error {
+    FileError::new(NAME, Place::Whole, found, expected).into()
+}
+
+/// What the TOML reader says, with the line.
+fn malformed(text: &str, error: &toml::de::Error) -> Error {
+    let place = match error.span() {
+        Some(span) => {
+            let before = text.as_bytes().get(..span.start).unwrap_or_default();
+            Place::Line(1 + before.iter().filter(|&&b| b == b'\n').count() as u64)
+        }
+        None => Place::Whole,
+    };
+    FileError::new(NAME, place, error.message().replace('\n', " "), "a scene file in TOML").into()
+}
