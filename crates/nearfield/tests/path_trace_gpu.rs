@@ -106,5 +106,19 @@ fn main() {
             assert!(differ <= 0.02 && mean <= 5e-3, "{name}: {differ} of the pixels differ, the mean by {mean}");
         }
     }));
+    trials.push(gpu_trial("rays_are_counted_as_on_the_cpu", |gpu| {
+        let scene = everything();
+        let structure = BruteForceMesh::build(&scene.mesh).unwrap();
+        let mut here = PathTracer::new(scene.clone(), &structure, PathSettings::default()).unwrap();
+        here.render_pass(&mut Film::new(SIDE, SIDE).unwrap()).unwrap();
+        let structure = GpuBruteForceMesh::build(gpu, &scene.mesh).unwrap();
+        let mut there = GpuPathTracer::new(scene, &structure, PathSettings::default(), SIDE, SIDE).unwrap();
+        there.render_pass().unwrap();
+        let (here, there) = (here.counters(), there.counters());
+        // A path that differs by rounding has other rays.
+        let close = |a: u64, b: u64| a.abs_diff(b) <= a / 100;
+        assert_eq!(here.paths, there.paths);
+        assert!(close(here.rays, there.rays) && close(here.shadow_rays, there.shadow_rays), "{here:?} {there:?}");
+    }));
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -67,7 +67,7 @@ pub struct Arguments {
     /// Parts, such as speed,shares
     #[arg(long, value_delimiter = ',', default_value = "speed,shares,paths,triangles")]
     pub parts: Vec<Part>,
-    /// Timed runs of a row at most; with it the GPU is not warmed up
+    /// Timed runs of a row at most, and iterations of the path tracer; with it the GPU is not warmed up
     #[arg(long)]
     pub repeat: Option<usize>,
     /// The program that scripts/build_embree_peer.sh makes: its hits and times are compared too

@@ -33,27 +33,34 @@ struct Made {
     rays: u64,
 }
 
-/// Repeats a pass until 168 are made or the seconds are over. The first is made twice: it is not timed.
-fn iterate(seconds: f64, mut pass: impl FnMut() -> Result<()>) -> Result<(usize, f64)> {
+/// How long passes are repeated.
+#[derive(Clone, Copy)]
+struct Until {
+    iterations: usize,
+    seconds: f64,
+}
+
+/// Repeats a pass until the iterations are made or the seconds are over.
+fn iterate(until: Until, mut pass: impl FnMut() -> Result<()>) -> Result<(usize, f64)> {
     let begin = Instant::now();
     for iterations in 1.. {
         pass()?;
         let passed = begin.elapsed().as_secs_f64();
-        if iterations == published::ITERATIONS[0] || passed >= seconds {
+        if iterations == until.iterations || passed >= until.seconds {
             return Ok((iterations, passed));
         }
     }
     unreachable!("there are fewer iterations than numbers")
 }
 
-fn on_cpu(room: &Room, search: &dyn nearfield::RaySearch, side: u32, seconds: f64) -> Result<Made> {
+fn on_cpu(room: &Room, search: &dyn nearfield::RaySearch, side: u32, until: Until) -> Result<Made> {
     let settings = PathSettings { depth: DEPTH, ..PathSettings::default() };
     let mut tracer = PathTracer::new(room.clone(), search, settings)?;
     let mut film = Film::new(side, side)?;
     tracer.render_pass(&mut film)?;
     let first = film.sums().to_vec();
     let before = tracer.counters();
-    let (iterations, seconds) = iterate(seconds, || Ok(tracer.render_pass(&mut film)?))?;
+    let (iterations, seconds) = iterate(until, || Ok(tracer.render_pass(&mut film)?))?;
     let after = tracer.counters();
     let rays = after.rays + after.shadow_rays - before.rays - before.shadow_rays;
     Ok(Made { iterations, seconds, first, rays })
@@ -63,13 +70,13 @@ fn on_gpu<S: RaysOnDevice + nearfield::structure::GpuRayStructure>(
     room: &Room,
     structure: &S,
     side: u32,
-    seconds: f64,
+    until: Until,
 ) -> Result<Made> {
     let settings = PathSettings { depth: DEPTH, ..PathSettings::default() };
     let mut tracer = GpuPathTracer::new(room.clone(), structure, settings, side, side)?;
     tracer.render_pass()?;
     let first = tracer.film()?.sums().to_vec();
-    let (iterations, seconds) = iterate(seconds, || Ok(tracer.render_pass()?))?;
+    let (iterations, seconds) = iterate(until, || Ok(tracer.render_pass()?))?;
     // The device casts no fewer rays where paths end, and does not count them.
     Ok(Made { iterations, seconds, first, rays: 0 })
 }
@@ -104,8 +111,11 @@ pub fn measure(lab: &mut Lab) -> Result<()> {
     let order =
         [Method::GpuRopes, Method::GpuBvh, Method::GpuBrute, Method::CpuRopes, Method::CpuBvh, Method::CpuBrute];
     for method in order {
-        let seconds = SECONDS.min(SHARE * lab.left());
-        let Some(made) = make(lab, &room, &scene, method, (side as u32, seconds))? else { continue };
+        let until = Until {
+            iterations: lab.repeat.unwrap_or(published::ITERATIONS[0]).max(1),
+            seconds: SECONDS.min(SHARE * lab.left()),
+        };
+        let Some(made) = make(lab, &room, &scene, method, (side as u32, until))? else { continue };
         let is_tree = matches!(method, Method::CpuRopes | Method::GpuRopes);
         let row = Row {
             part: "paths",
@@ -159,11 +169,9 @@ fn sentence(made: &Made, method: Method, side: usize) -> String {
         0 => String::new(),
         rays => format!("; {} Mrays/s", digits(rays as f64 * 1e-6 / made.seconds)),
     };
-    format!(
-        "{} iterations of {side} × {side} in {} s, {follows}{rays}; Accel's GPU: {of_accel} in two minutes",
-        made.iterations,
-        digits(made.seconds)
-    )
+    // Its figures are for its own picture.
+    let accel = if side == SIDE { format!("; Accel's GPU: {of_accel} in two minutes") } else { String::new() };
+    format!("{} iterations of {side} × {side} in {} s, {follows}{rays}{accel}", made.iterations, digits(made.seconds))
 }
 
 /// Builds the structure and iterates; `None` where there is no GPU, the reason where the device does not do it.
@@ -172,21 +180,21 @@ fn make(
     room: &Room,
     scene: &Scene,
     method: Method,
-    (side, seconds): (u32, f64),
+    (side, until): (u32, Until),
 ) -> Result<Option<std::result::Result<Made, String>>> {
     let made = match (method, lab.gpu()) {
-        (Method::GpuRopes, Some(gpu)) => on_gpu(room, &GpuKdTree::upload(gpu, scene.tree())?, side, seconds),
+        (Method::GpuRopes, Some(gpu)) => on_gpu(room, &GpuKdTree::upload(gpu, scene.tree())?, side, until),
         (Method::GpuBvh, Some(gpu)) => {
             let bvh = GpuTriangleBvh::of(gpu, scene.triangles.clone(), &nearfield::BvhSettings::default())?;
-            on_gpu(room, &bvh, side, seconds)
+            on_gpu(room, &bvh, side, until)
         }
         (Method::GpuBrute, Some(gpu)) => {
-            on_gpu(room, &GpuBruteForceMesh::of(gpu, scene.triangles.clone())?, side, seconds)
+            on_gpu(room, &GpuBruteForceMesh::of(gpu, scene.triangles.clone())?, side, until)
         }
         (method, None) if method.on_gpu() => return Ok(None),
         _ => {
             let Some(built) = scene.build(method, None)? else { return Ok(None) };
-            on_cpu(room, built.search.as_search(), side, seconds)
+            on_cpu(room, built.search.as_search(), side, until)
         }
     };
     match made {

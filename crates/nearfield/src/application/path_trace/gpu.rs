@@ -21,7 +21,7 @@ use crate::query::{HitRecord, RaysOnDevice};
 use crate::structure::GpuRayStructure;
 use crate::{Error, Result};
 
-/// Most paths of a tile: 212 bytes each.
+/// Most paths of a tile: some 230 bytes each, and so few that the rays of all their depths can be counted in 32 bits.
 const TILE: usize = 1 << 20;
 /// Invocations of a workgroup.
 const WORKGROUP: u32 = 64;
@@ -54,6 +54,8 @@ struct Tile {
     states: Buffer<u32>,
     lights: Buffer<[f32; 4]>,
     samples: Buffer<[f32; 4]>,
+    /// Rays and shadow rays of the tile.
+    totals: Buffer<u32>,
 }
 
 impl Tile {
@@ -67,6 +69,7 @@ impl Tile {
             states: gpu.buffer("answers to shadow rays", len)?,
             lights: gpu.buffer("light of paths", 2 * len)?,
             samples: gpu.buffer("samples", len)?,
+            totals: gpu.buffer("numbers of rays", 2)?,
         })
     }
 }
@@ -110,7 +113,7 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
         self.shape.samples()
     }
 
-    /// What all passes so far have done. Rays are counted as if no path ended: at most so many were cast.
+    /// What all passes so far have done.
     pub fn counters(&self) -> PathCounters {
         self.counters
     }
@@ -124,18 +127,17 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
         let start = Instant::now();
         let parameters = pass_parameters(&self.scene, &self.settings, &self.shape)?;
         let pixels = self.shape.sums().len();
+        let mut counters = PathCounters { paths: pixels as u64, ..PathCounters::default() };
         for first in (0..pixels).step_by(self.tile.len) {
             let n_paths = self.tile.len.min(pixels - first);
             self.trace_tile(PathParameters { first_pixel: first as u32, n_paths: n_paths as u32, ..parameters })?;
+            let totals = self.structure.gpu().read(&self.tile.totals)?;
+            counters.rays += u64::from(totals[0]);
+            counters.shadow_rays += u64::from(totals[1]);
         }
         self.shape.samples += 1;
-        let depth = u64::from(self.settings.depth);
-        self.counters.add(&PathCounters {
-            paths: pixels as u64,
-            rays: pixels as u64 * (depth + 1),
-            shadow_rays: pixels as u64 * depth,
-            seconds: start.elapsed().as_secs_f64(),
-        });
+        counters.seconds = start.elapsed().as_secs_f64();
+        self.counters.add(&counters);
         Ok(())
     }
 
@@ -148,7 +150,7 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
         let mut commands = gpu.commands("trace paths");
         let shared = gpu.uniform("path parameters", &parameters)?;
         let binds = [(&shared).into(), (&tile.paths).into(), (&tile.rays).into(), (&tile.samples).into()];
-        commands.stage("generate").dispatch(generate, &binds, all());
+        commands.stage("generate").clear(&tile.totals).dispatch(generate, &binds, all());
         for depth in 0..=self.settings.depth {
             let shared = gpu.uniform("path parameters", &PathParameters { depth, ..parameters })?;
             commands.stage("closest hits");
@@ -163,6 +165,7 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
                 (&tile.rays).into(),
                 (&tile.shadows).into(),
                 (&tile.lights).into(),
+                (&tile.totals).into(),
             ];
             commands.stage("shade").dispatch(shade, &binds, all());
             commands.stage("any hits");
@@ -208,7 +211,7 @@ fn generate_kernel(gpu: &Gpu) -> Result<Arc<Pipeline>> {
 }
 
 fn shade_kernel(gpu: &Gpu) -> Result<Arc<Pipeline>> {
-    let bindings = [Uniform, Uniform, Read, Read, ReadWrite, Read, ReadWrite, ReadWrite, ReadWrite];
+    let bindings = [Uniform, Uniform, Read, Read, ReadWrite, Read, ReadWrite, ReadWrite, ReadWrite, ReadWrite];
     pipeline(gpu, "package::application::path_trace::shade", "shade_hits", &bindings)
 }
 

@@ -145,14 +145,15 @@ impl LightTables {
     /// `emitters`: triangle and power of each. Gives also the share of each emitter that one light sample picks it with.
     pub(super) fn new(emitters: &[(u32, f64)], points: &[PointLight], environment: &Environment) -> (Self, Vec<f32>) {
         let brightness = |color: Vec3| f64::from(luminance(color));
-        let mut tables = Self::default();
-        tables.emitter_sums = summed_shares(&emitters.iter().map(|(_, power)| *power).collect::<Vec<_>>());
-        tables.emitters = emitters.iter().map(|(triangle, _)| *triangle).collect();
-        tables.point_sums = summed_shares(&points.iter().map(|p| brightness(p.intensity)).collect::<Vec<_>>());
-        tables.points = points
-            .iter()
-            .map(|p| PointRecord { position: p.position, intensity: p.intensity, ..PointRecord::zeroed() })
-            .collect();
+        let record =
+            |p: &PointLight| PointRecord { position: p.position, intensity: p.intensity, ..PointRecord::zeroed() };
+        let mut tables = Self {
+            emitters: emitters.iter().map(|(triangle, _)| *triangle).collect(),
+            emitter_sums: summed_shares(&emitters.iter().map(|(_, power)| *power).collect::<Vec<_>>()),
+            points: points.iter().map(record).collect(),
+            point_sums: summed_shares(&points.iter().map(|p| brightness(p.intensity)).collect::<Vec<_>>()),
+            ..Self::default()
+        };
         let constant;
         let image = match environment {
             Environment::Image(image) => image,

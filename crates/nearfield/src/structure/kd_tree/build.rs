@@ -353,12 +353,16 @@ fn put_together(built: &Built) -> Result<KdArrays> {
                 let (base, leaf_base) = (arrays.nodes.len() as u32, arrays.leaves.len() as u32);
                 let reference_base = arrays.references.len() as u32;
                 // The part's first node is already here; the others follow.
-                let moved = |n: &KdNode| match n.is_leaf() {
-                    true => KdNode::leaf(leaf_base + n.index()),
-                    false => KdNode::inner(n.axis(), n.split, base + n.index() - 1),
+                let moved = |n: &KdNode| {
+                    if n.is_leaf() {
+                        KdNode::leaf(leaf_base + n.index())
+                    } else {
+                        KdNode::inner(n.axis(), n.split, base + n.index() - 1)
+                    }
                 };
-                arrays.nodes[node] = moved(&part.nodes[0]);
-                arrays.nodes.extend(part.nodes[1..].iter().map(moved));
+                let [first, others @ ..] = &part.nodes[..] else { return };
+                arrays.nodes[node] = moved(first);
+                arrays.nodes.extend(others.iter().map(moved));
                 let leaves = part.leaves.iter();
                 arrays.leaves.extend(leaves.map(|leaf| KdLeaf { first: reference_base + leaf.first, ..*leaf }));
                 arrays.references.extend_from_slice(&part.references);

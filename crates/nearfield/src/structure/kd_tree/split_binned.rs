@@ -26,9 +26,9 @@ impl Bins {
         let scale = over.extent().to_array().map(|side| if side > 0.0 { bins as f32 / side } else { 0.0 });
         let last = bins - 1;
         for piece in pieces {
-            for axis in 0..3 {
+            for (axis, scale) in scale.into_iter().enumerate() {
                 // Conversion takes what is below the first bin as 0.
-                let bin = |at: f32| (((at - over.min[axis]) * scale[axis]) as usize).min(last);
+                let bin = |at: f32| (((at - over.min[axis]) * scale) as usize).min(last);
                 counted.begins[axis][bin(piece.min[axis])] += 1;
                 counted.ends[axis][bin(piece.max[axis])] += 1;
             }
