@@ -54,7 +54,7 @@ struct Tile {
     states: Buffer<u32>,
     lights: Buffer<[f32; 4]>,
     samples: Buffer<[f32; 4]>,
-    /// Rays and shadow rays of the tile.
+    /// Rays and shadow rays of the tile, and how many of both were not followed to their end.
     totals: Buffer<u32>,
 }
 
@@ -69,7 +69,7 @@ impl Tile {
             states: gpu.buffer("answers to shadow rays", len)?,
             lights: gpu.buffer("light of paths", 2 * len)?,
             samples: gpu.buffer("samples", len)?,
-            totals: gpu.buffer("numbers of rays", 2)?,
+            totals: gpu.buffer("numbers of rays", 3)?,
         })
     }
 }
@@ -132,6 +132,9 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
             let n_paths = self.tile.len.min(pixels - first);
             self.trace_tile(PathParameters { first_pixel: first as u32, n_paths: n_paths as u32, ..parameters })?;
             let totals = self.structure.gpu().read(&self.tile.totals)?;
+            if totals[2] > 0 {
+                return Err(abandoned(self.structure, totals[2]));
+            }
             counters.rays += u64::from(totals[0]);
             counters.shadow_rays += u64::from(totals[1]);
         }
@@ -177,6 +180,7 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
                 (&tile.samples).into(),
                 (&self.film).into(),
                 (&self.dropped).into(),
+                (&tile.totals).into(),
             ];
             commands.stage("accumulate").dispatch(accumulate, &binds, all());
         }
@@ -198,6 +202,19 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
     }
 }
 
+/// The error for a pass with rays that a software device did not follow to their end.
+fn abandoned<S: GpuRayStructure>(structure: &S, rays: u32) -> Error {
+    Error::Unsupported {
+        what: format!(
+            "tracing paths through {} triangles by {} on {}, which ended the loops of {rays} rays before their end,",
+            structure.triangles().len(),
+            S::NAME,
+            structure.gpu().name()
+        ),
+        advice: "use the CPU, or a structure that looks at fewer triangles",
+    }
+}
+
 use Access::{Read, ReadWrite, Uniform};
 
 fn pipeline(gpu: &Gpu, module: &'static str, entry: &'static str, bindings: &[Access]) -> Result<Arc<Pipeline>> {
@@ -216,6 +233,6 @@ fn shade_kernel(gpu: &Gpu) -> Result<Arc<Pipeline>> {
 }
 
 fn accumulate_kernel(gpu: &Gpu) -> Result<Arc<Pipeline>> {
-    let bindings = [Uniform, Read, Read, ReadWrite, ReadWrite, ReadWrite];
+    let bindings = [Uniform, Read, Read, ReadWrite, ReadWrite, ReadWrite, ReadWrite];
     pipeline(gpu, "package::application::path_trace::accumulate", "accumulate_light", &bindings)
 }
