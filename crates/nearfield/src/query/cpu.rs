@@ -206,6 +206,9 @@ fn visit_in_parts<S: CpuStructure>(
     true
 }
 
+/// Places of a pack, or of a part of it, and the spans they are searched in.
+type Part<'s> = (Range<usize>, Cow<'s, [Range<usize>]>);
+
 /// The parts that a pack is searched in, each with its spans; the pack itself where it is not split.
 fn parts<'s, S: CpuStructure>(
     structure: &S,
@@ -213,7 +216,7 @@ fn parts<'s, S: CpuStructure>(
     points: &OrderedPoints,
     places: &Range<usize>,
     spans: &'s [Range<usize>],
-) -> Vec<(Range<usize>, Cow<'s, [Range<usize>]>)> {
+) -> Vec<Part<'s>> {
     let whole = || vec![(places.clone(), Cow::Borrowed(spans))];
     let candidates = |spans: &[Range<usize>]| spans.iter().map(Range::len).sum::<usize>();
     if places.len() < 2 || candidates(spans) < HEAVY {
@@ -224,9 +227,8 @@ fn parts<'s, S: CpuStructure>(
         look_up(structure, question, points, places.clone(), &mut spans);
         (places, Cow::Owned(spans))
     };
-    let tests = |parts: &[(Range<usize>, Cow<'_, [Range<usize>]>)]| {
-        parts.iter().map(|(places, spans)| places.len() * candidates(spans)).sum::<usize>()
-    };
+    let tests =
+        |parts: &[Part<'_>]| parts.iter().map(|(places, spans)| places.len() * candidates(spans)).sum::<usize>();
     let is_worth_it = |split: &[_]| tests(split) <= places.len() * candidates(spans) / 4 * 3;
     let middle = places.start + places.len() / 2;
     let halves = vec![part(places.start..middle), part(middle..places.end)];
@@ -551,7 +553,7 @@ mod tests {
         assert!(10 * split < whole, "{split} of {whole}");
         let (whole, split) = pairs(&tree, &FixedRadius::new(0.05));
         assert_eq!(whole, split);
-        let far: Vec<Vec3> = points.iter().step_by(200).map(|&p| p).collect();
+        let far: Vec<Vec3> = points.iter().step_by(200).copied().collect();
         let (whole, split) = pairs(&tree, &FixedRadius::new(0.02).queries(&far));
         assert!(split <= whole, "{split} of {whole}");
     }
