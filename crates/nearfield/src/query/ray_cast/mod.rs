@@ -5,6 +5,16 @@
 //! triangle; between the CPU and a device, t differs by rounding, and the triangle where two are as near within that,
 //! or the ray passes within it of an edge.
 //!
+//! ```
+//! use nearfield::{BvhSettings, Ray, RaySearch, TriMesh, TriangleBvh, Vec3};
+//!
+//! let corners = vec![Vec3::ZERO, Vec3::new(4.0, 0.0, 0.0), Vec3::new(0.0, 4.0, 0.0)];
+//! let bvh = TriangleBvh::build(&TriMesh::new(corners, vec![[0, 1, 2]])?, &BvhSettings::default())?;
+//! let hit = bvh.closest_hit(&Ray::new(Vec3::new(1.0, 1.0, 5.0), -Vec3::Z))?.expect("the ray should hit");
+//! assert_eq!((hit.triangle, hit.t, hit.normal), (0, 5.0, Vec3::Z));
+//! # Ok::<(), nearfield::Error>(())
+//! ```
+//!
 //! Positions are relative to the origin of the mesh. A triangle is hit from both sides; edges and corners belong to it;
 //! a triangle without an area is never hit.
 
