@@ -85,6 +85,15 @@ impl CountBar {
             bar.set_position(done);
         }
     }
+
+    /// Says something above the bar, or alone where there is none.
+    pub(crate) fn note(&self, text: Option<String>) {
+        match (&self.shown, text) {
+            (Some(bar), Some(text)) => bar.println(text),
+            (None, Some(text)) => eprintln!("{text}"),
+            (_, None) => {}
+        }
+    }
 }
 
 impl Drop for CountBar {

@@ -311,8 +311,12 @@ impl RenderArgs {
             let due = written.elapsed().as_secs_f64() >= self.every;
             if due && sample < self.spp && self.output != Path::new("-") {
                 let film = tracer.film().map_err(Failure::Search)?;
-                render_picture::write(&self.output, &film, format, self.exposure(), replaces)?;
-                (replaces, written) = (true, Instant::now());
+                // A disk that is full for a while costs this picture, not the samples.
+                match render_picture::write(&self.output, &film, format, self.exposure(), replaces) {
+                    Ok(()) => replaces = true,
+                    Err(failure) => bar.note(failure.message()),
+                }
+                written = Instant::now();
             }
         }
         Ok(replaces)
@@ -381,7 +385,6 @@ impl Told<'_> {
 
     fn lines(&self) -> String {
         let size = self.args.size;
-        let most = if self.stages_on == "device" { "at most " } else { "" };
         let mut rows = vec![
             ("scene", format!("{}, {} triangles", file_name(&self.args.input), grouped(self.triangles))),
             (
@@ -396,15 +399,8 @@ impl Told<'_> {
             ),
             ("device", format!("{}, stages on the {}", self.device, self.stages_on)),
             ("structure", structure_line(self.built)),
-            (
-                "rays",
-                format!(
-                    "{most}{} and {most}{} to lights",
-                    grouped(self.counters.rays),
-                    grouped(self.counters.shadow_rays)
-                ),
-            ),
-            ("speed", format!("{}, {most}{}", samples_a_second(&self.counters), mrays(&self.counters))),
+            ("rays", format!("{} and {} to lights", grouped(self.counters.rays), grouped(self.counters.shadow_rays))),
+            ("speed", format!("{}, {}", samples_a_second(&self.counters), mrays(&self.counters))),
             ("time", self.times.line()),
         ];
         if self.dropped > 0 {

@@ -76,9 +76,11 @@ fn on_gpu<S: RaysOnDevice + nearfield::structure::GpuRayStructure>(
     let mut tracer = GpuPathTracer::new(room.clone(), structure, settings, side, side)?;
     tracer.render_pass()?;
     let first = tracer.film()?.sums().to_vec();
+    let before = tracer.counters();
     let (iterations, seconds) = iterate(until, || Ok(tracer.render_pass()?))?;
-    // The device casts no fewer rays where paths end, and does not count them.
-    Ok(Made { iterations, seconds, first, rays: 0 })
+    let after = tracer.counters();
+    let rays = after.rays + after.shadow_rays - before.rays - before.shadow_rays;
+    Ok(Made { iterations, seconds, first, rays })
 }
 
 /// Checks a first picture against that of the first structure of its device.

@@ -194,9 +194,10 @@ impl PreparedRay {
         self.lateral
     }
 
-    /// A t of the search in the unit of the caller's direction, from the caller's origin.
+    /// A t of the search in the unit of the caller's direction, from the caller's origin; the largest number where it
+    /// would pass it.
     pub fn caller_t(&self, t: f32) -> f32 {
-        (t + self.shift) * self.scale
+        ((t + self.shift) * self.scale).clamp(-f32::MAX, f32::MAX)
     }
 }
 

@@ -121,7 +121,10 @@ pub fn parse_scene(text: &str, folder: &Path, width: u32, height: u32) -> Result
             return Err(fault("more than 2^32 - 1 vertices".to_owned(), "fewer or smaller meshes"));
         }
         vertices.extend(placed(&part.mesh, entry));
-        triangles.extend(part.mesh.triangles.iter().map(|corners| corners.map(|v| v + first)));
+        // A mirror image keeps its outside where corners are counted the other way round.
+        let is_mirrored = entry.scale.factors().to_array().iter().product::<f64>() < 0.0;
+        let turned = |[a, b, c]: [u32; 3]| if is_mirrored { [a, c, b] } else { [a, b, c] };
+        triangles.extend(part.mesh.triangles.iter().map(|&corners| turned(corners).map(|v| v + first)));
         match &entry.material {
             Some(name) => {
                 let Some(&number) = known.get(name) else {
