@@ -40,6 +40,17 @@ fn single_rays(search: &dyn RaySearch) {
     }
 }
 
+/// Directions of any length that can be cast find what lies ahead, also where t is beyond the largest number.
+fn tiny_and_huge_directions(search: &dyn RaySearch) {
+    let from = |distance: f32, length: f32| Ray::new(Vec3::new(1.5, 0.5, distance), Vec3::new(0.0, 0.0, -length));
+    for (distance, length) in [(3.0, 1e-37), (3.0, 1e37), (1000.0, 1e-37), (3.0, 1e-20)] {
+        let hit = search.closest_hit(&from(distance, length)).unwrap();
+        let expected = (f64::from(distance) / f64::from(length)).min(f64::from(f32::MAX));
+        let t = f64::from(hit.unwrap_or_else(|| panic!("{distance} away, {length:e} long: a miss")).t);
+        assert!((t - expected).abs() <= 1e-5 * expected, "{distance} away, {length:e} long: {t:e}");
+    }
+}
+
 fn rays_that_cannot_be_cast(search: &dyn RaySearch) {
     let good = Ray::new(Vec3::new(1.5, 0.5, 3.0), -Vec3::Z);
     let bad = [
@@ -120,6 +131,8 @@ pub(crate) fn trials() -> Vec<Trial> {
         trial("bad_meshes_are_refused", bad_meshes_are_refused),
         trial("cpu::single_rays", || single_rays(&BruteForceMesh::build(&square()).unwrap())),
         gpu_trial("gpu::single_rays", move |gpu| single_rays(&gpu_square(gpu))),
+        trial("cpu::tiny_and_huge_directions", || tiny_and_huge_directions(&BruteForceMesh::build(&square()).unwrap())),
+        gpu_trial("gpu::tiny_and_huge_directions", move |gpu| tiny_and_huge_directions(&gpu_square(gpu))),
         trial("cpu::rays_that_cannot_be_cast", || rays_that_cannot_be_cast(&BruteForceMesh::build(&square()).unwrap())),
         gpu_trial("gpu::rays_that_cannot_be_cast", move |gpu| rays_that_cannot_be_cast(&gpu_square(gpu))),
         trial("cpu::work_is_counted", || {
