@@ -4,6 +4,7 @@
 use libtest_mimic::Trial;
 use nearfield::geometry::generate::{CloudKind, cloud};
 use nearfield::gpu::Gpu;
+use nearfield::structure::GpuStructure;
 use nearfield::{
     Aabb, AabbTreeSettings, BoxSearch, Boxes, Error, FixedRadius, GpuAabbTree, GpuLinearOctree, Knn, KnnSearch,
     LinearOctree, NeighborSearch, OctreeSettings, Result, RowOrder, TreeSearch, Vec3,
@@ -14,6 +15,7 @@ use crate::{lattice_points, own_context};
 
 pub(crate) fn trials() -> Vec<Trial> {
     vec![
+        gpu_trial("large_trees_are_walked_where_loops_are_ended", large_trees),
         gpu_trial("split_packs_find_what_single_queries_find", split_packs),
         gpu_trial("nearest_points_in_batches_are_the_same", nearest_in_batches),
         gpu_trial("points_in_boxes_in_batches_are_the_same", boxes_in_batches),
@@ -121,9 +123,22 @@ fn refused_memory(gpu: &Gpu) {
 }
 
 /// Radii of ratio 1000 side by side, and queries so few that those of a subgroup are far apart.
+/// A tree of many points is walked, with or without splitting its packs, also where loops are ended: testing every point
+/// for every query would take minutes.
+fn large_trees(gpu: &Gpu) {
+    let points = cloud(CloudKind::Uniform, 120_000, 7).points;
+    let tree = GpuAabbTree::build(gpu, &points, &AabbTreeSettings::DEFAULT).unwrap();
+    let effort = tree.most_effort(0.01, None).unwrap();
+    // Eight points are a round there.
+    let rounds = effort.rounds + effort.candidates.div_ceil(8);
+    let limit = gpu.limits().loop_rounds;
+    assert!(limit.is_none_or(|limit| rounds + 2 <= u64::from(limit)), "{rounds} rounds of {limit:?}");
+}
+
 fn split_packs(gpu: &Gpu) {
     let points = cloud(CloudKind::Clustered, 12_000, 7).points;
-    let mut tree = GpuAabbTree::build(gpu, &points, &AabbTreeSettings::DEFAULT).unwrap();
+    // With some 4,000 leaves, the large balls meet many more than an invocation passes in a pack.
+    let mut tree = GpuAabbTree::build(gpu, &points, &AabbTreeSettings::DEFAULT.bucket_size(4)).unwrap();
     let radii: Vec<f32> = (0..points.len()).map(|i| if i % 37 == 0 { 0.2 } else { 0.0002 }).collect();
     let far: Vec<Vec3> = points.iter().copied().step_by(150).collect();
     for (name, question) in [("radii", FixedRadius::each(&radii)), ("far apart", FixedRadius::new(0.01).queries(&far))]

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::AabbTree;
+use super::{AabbTree, TreeShape};
 use crate::geometry::Aabb;
 use crate::structure::Effort;
 
@@ -10,21 +10,31 @@ use crate::structure::Effort;
 pub(super) const MOST_IN_STEP: u32 = 64;
 
 /// Upper bounds for balls of this radius around the points, or around any place within `queries`; `in_step` of them are
-/// answered together, and under `packed` go through the tree together until some leave the pack.
-pub(super) fn most(tree: &AabbTree, radius: f32, queries: Option<&Aabb>, in_step: u32, packed: bool) -> Effort {
-    let (n_nodes, n_leaves) = (tree.boxes.len() as u64, tree.shape.n_leaves() as u64);
-    let in_step = u64::from(in_step);
+/// answered together, each on its own way through the tree.
+pub(super) fn most(tree: &AabbTree, radius: f32, queries: Option<&Aabb>, in_step: u32) -> Effort {
+    // Apart, invocations need not be in leaves at the same time.
+    let one = match queries {
+        Some(_) => everything(&tree.shape, tree.points.len()),
+        None => around_leaves(tree, radius),
+    };
+    times(one, u64::from(in_step))
+}
+
+/// The same for packs that go through the tree together, whatever they ask; where they `split`, until some leave the pack.
+pub(super) fn most_packed(shape: &TreeShape, n_points: usize, split: bool) -> Effort {
+    // Those that leave a pack still take each step in the same round as the others, and no way has more steps than nodes,
+    // of which half are leaves.
+    times(everything(shape, n_points), if split { 2 } else { 1 })
+}
+
+/// All nodes and all points once.
+fn everything(shape: &TreeShape, n_points: usize) -> Effort {
     // A loop over a leaf takes up to two rounds more than full ones.
-    let everything = Effort { candidates: tree.points.len() as u64, rounds: n_nodes + 2 * n_leaves };
-    // Apart, invocations need not be in leaves at the same time. Those that leave a pack still take each step in the same
-    // round as the others, and no way has more steps than nodes, of which half are leaves.
-    let apart = if packed { 2 } else { in_step };
-    let times =
-        |effort: Effort, factor: u64| Effort { candidates: effort.candidates * factor, rounds: effort.rounds * factor };
-    if queries.is_some() || packed {
-        return times(everything, apart);
-    }
-    times(around_leaves(tree, radius), in_step)
+    Effort { candidates: n_points as u64, rounds: shape.n_nodes() as u64 + 2 * shape.n_leaves() as u64 }
+}
+
+fn times(effort: Effort, factor: u64) -> Effort {
+    Effort { candidates: effort.candidates * factor, rounds: effort.rounds * factor }
 }
 
 /// The same for invocations that go through the candidates of their pack, all in one loop, without a look at nodes.

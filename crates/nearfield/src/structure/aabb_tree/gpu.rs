@@ -196,6 +196,16 @@ impl GpuAabbTree {
     fn is_packed(&self) -> bool {
         self.settings.search == TreeSearch::Packed && self.gpu.limits().subgroup.is_some()
     }
+
+    /// Whether invocations may leave their pack. On devices that end long loops only where that surely takes no more
+    /// rounds than there are, with one for each point: else every point would have to be tested instead.
+    fn splits_packs(&self) -> bool {
+        let fits = |limit: u32| {
+            let most = effort::most_packed(&self.shape, self.len(), true);
+            most.candidates + most.rounds <= u64::from(limit)
+        };
+        self.is_packed() && self.gpu.limits().loop_rounds.is_none_or(fits)
+    }
 }
 
 impl GpuStructure for GpuAabbTree {
@@ -239,16 +249,20 @@ impl GpuStructure for GpuAabbTree {
     }
 
     fn most_effort(&self, radius: f32, queries: Option<&Aabb>) -> Result<Effort> {
+        if self.is_packed() {
+            return Ok(effort::most_packed(&self.shape, self.len(), self.splits_packs()));
+        }
         let in_step = self.gpu.limits().subgroup.map_or(effort::MOST_IN_STEP, |(_, largest)| largest);
         let tree = self.read()?;
         if self.settings.search == TreeSearch::Coherent {
             return Ok(effort::most_candidates(&tree, radius, queries));
         }
-        Ok(effort::most(&tree, radius, queries, in_step, self.is_packed()))
+        Ok(effort::most(&tree, radius, queries, in_step))
     }
 
     fn features(&self) -> Vec<(&'static str, bool)> {
-        vec![("periodic", self.settings.period.is_periodic()), ("packed", self.is_packed())]
+        let periodic = self.settings.period.is_periodic();
+        vec![("periodic", periodic), ("packed", self.is_packed()), ("splits", self.splits_packs())]
     }
 
     fn bindings(&self) -> Vec<(Access, Bind)> {
