@@ -11,12 +11,12 @@ use rayon::prelude::*;
 
 use crate::exit::Failure;
 use crate::heatmap_report::Summary;
-use crate::input::Input;
+use crate::input::{Input, file_name};
 use crate::options::{Common, PictureSize};
 use crate::picture::{self, Camera, Colors, Up};
 use crate::progress::Progress;
-use crate::ray_structure::{Built, Structure, StructureArgs, milliseconds};
-use crate::report::{self, Times};
+use crate::ray_structure::{Built, Structure, StructureArgs, failed};
+use crate::report::{self, Times, milliseconds};
 use crate::{heatmap_picture, heatmap_report};
 
 const EXAMPLES: &str = "Examples:
@@ -212,17 +212,6 @@ pub(crate) fn run(args: &HeatmapArgs, common: &Common) -> Result<(), Failure> {
     args.tell(&map, common)
 }
 
-/// A structure that cannot be built over the mesh is a fault of the file, unless memory or the device failed.
-pub(crate) fn failed(input: &Path, error: nearfield::Error) -> Failure {
-    match error {
-        nearfield::Error::NoTriangles { .. }
-        | nearfield::Error::NonFinite { .. }
-        | nearfield::Error::CoordinateTooLarge { .. }
-        | nearfield::Error::TooMany { .. } => Failure::reading(input)(error),
-        other => Failure::Search(other),
-    }
-}
-
 /// What all rays gave.
 struct Cast {
     records: Vec<HitRecord>,
@@ -306,12 +295,5 @@ impl HeatmapArgs {
             return Ok(());
         }
         report::print(&lines)
-    }
-}
-
-pub(crate) fn file_name(path: &Path) -> String {
-    match path.file_name() {
-        Some(name) if path != Path::new("-") => name.to_string_lossy().into_owned(),
-        _ => "standard input".to_owned(),
     }
 }

@@ -2,12 +2,10 @@
 
 use std::io::{self, Write};
 
-use nearfield::query::Clock;
 use serde_json::{Map, Value, json};
 
 use crate::heatmap::{Heatmap, Metric};
-use crate::ray_structure::Built;
-use crate::report::{grouped, rounded, shown_ms, size, table};
+use crate::report::{grouped, shown_ms, stage_json, table};
 
 /// How counts are spread.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,46 +80,6 @@ fn mrays(rays: u64, milliseconds: f64) -> f64 {
     if milliseconds > 0.0 { rays as f64 * 1e-3 / milliseconds } else { 0.0 }
 }
 
-/// Figures of the structure as JSON.
-pub(crate) fn structure_json(built: &Built) -> Value {
-    json!({
-        "name": built.rays.search().structure(),
-        "description": built.plan.describe(),
-        "walk": built.walk,
-        "memory_bytes": built.memory_bytes,
-        "nodes": built.kd.map(|kd| kd.nodes).or(built.bvh.map(|[nodes, _]| nodes)),
-        "leaves": built.kd.map(|kd| kd.leaves).or(built.bvh.map(|[_, leaves]| leaves)),
-        "references": built.kd.map(|kd| kd.references),
-        "depth": built.kd.map(|kd| kd.depth),
-        "sah_cost": built.kd.map(|kd| kd.sah_cost),
-        "build_stages": built.stages.iter().map(stage_json).collect::<Vec<_>>(),
-    })
-}
-
-fn stage_json(stage: &nearfield::query::Stage) -> Value {
-    let clock = if stage.clock == Clock::Device { "device" } else { "host" };
-    json!({ "name": stage.name, "milliseconds": rounded(stage.milliseconds), "clock": clock })
-}
-
-/// The structure in a line.
-pub(crate) fn structure_line(built: &Built) -> String {
-    let mut line = format!("{} ({}), {}", built.plan.describe(), built.walk, size(built.memory_bytes));
-    if let Some(kd) = &built.kd {
-        line += &format!(
-            "; {} nodes, {} leaves ({} empty), {} references, depth {}",
-            grouped(kd.nodes),
-            grouped(kd.leaves),
-            grouped(kd.empty_leaves),
-            grouped(kd.references),
-            kd.depth
-        );
-    }
-    if let Some([nodes, leaves]) = built.bvh {
-        line += &format!("; {} nodes, {} leaves", grouped(nodes), grouped(leaves));
-    }
-    line
-}
-
 fn n_hits(map: &Heatmap) -> u64 {
     map.records.iter().filter(|record| record.is_hit()).count() as u64
 }
@@ -147,7 +105,7 @@ pub(crate) fn json(map: &Heatmap) -> Value {
         "metric": named(map.metric),
         "metrics": metrics,
         "device": map.device,
-        "structure": structure_json(&map.built),
+        "structure": map.built.json(),
         "mrays_per_second": mrays(rays, map.times.query),
         "mrays_per_second_on_device": map.device_ms().map(|ms| mrays(rays, ms)),
         "cast_stages": map.stages.iter().map(stage_json).collect::<Vec<_>>(),
@@ -166,7 +124,7 @@ pub(crate) fn lines(map: &Heatmap) -> String {
         ("mesh", format!("{}, {} triangles", map.name, grouped(map.triangles))),
         ("rays", format!("{} ({} x {}), {} hit", grouped(rays), map.size.width, map.size.height, grouped(n_hits(map)))),
         ("device", map.device.clone()),
-        ("structure", structure_line(&map.built)),
+        ("structure", map.built.line()),
         ("time", map.times.line()),
         (
             "cast",

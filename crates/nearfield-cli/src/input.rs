@@ -12,6 +12,14 @@ use crate::options::Common;
 /// What the readers find in a sound file that holds only points, where a mesh is asked for.
 const NO_FACES: [&str; 2] = ["no faces", "only points"];
 
+/// Name of an input as summaries show it.
+pub(crate) fn file_name(path: &Path) -> String {
+    match path.file_name() {
+        Some(name) if path != Path::new("-") => name.to_string_lossy().into_owned(),
+        _ => "standard input".to_owned(),
+    }
+}
+
 /// The bytes of an input file.
 pub(crate) struct Input {
     path: PathBuf,

@@ -13,14 +13,14 @@ use nearfield::query::{Index, IndexSettings, StructureChoice, Summary};
 use nearfield::{FixedRadius, Knn, NeighborSearch, PointCloud, Queries, Radius, RowOrder, Vec3};
 
 use crate::exit::Failure;
-use crate::input::{self, Input, searchable};
+use crate::input::{self, Input, file_name, searchable};
 use crate::lists::{self, ListFormat};
 use crate::neighbors_answer::{Answer, Question, row_of};
 use crate::neighbors_picture;
 use crate::options::{Common, Length, PictureSize, period};
 use crate::picture::Up;
 use crate::progress::Progress;
-use crate::report::{self, DIGITS, KnnSummary, SearchSummary, Times, short};
+use crate::report::{self, DIGITS, KnnSummary, SearchSummary, Times, milliseconds, short};
 
 const EXAMPLES: &str = "Examples:
   nearfield neighbors scan.pcd --radius 0.5 --output lists.npz --picture counts.png
@@ -392,15 +392,4 @@ fn read(
 ) -> Result<PointCloud, Failure> {
     let cloud = Input::open(path, format, common)?.cloud()?;
     searchable(cloud, path, args.drop_invalid, notes)
-}
-
-fn file_name(path: &Path) -> String {
-    match path.file_name() {
-        Some(name) if path != Path::new("-") => name.to_string_lossy().into_owned(),
-        _ => "standard input".to_owned(),
-    }
-}
-
-fn milliseconds(since: Instant) -> f64 {
-    since.elapsed().as_secs_f64() * 1e3
 }

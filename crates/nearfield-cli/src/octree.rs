@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::Args;
 use nearfield::application::{Exchange, Partition, PartitionReport};
-use nearfield::gpu::{AdapterKind, DeviceChoice};
+use nearfield::gpu::DeviceChoice;
 use nearfield::io::Format;
 use nearfield::query::Stage;
 use nearfield::{
@@ -13,12 +13,12 @@ use nearfield::{
 };
 
 use crate::exit::Failure;
-use crate::input::{Input, searchable};
+use crate::input::{Input, file_name, searchable};
 use crate::options::{Common, Length, PictureSize, place};
 use crate::picture::{self, Up};
 use crate::progress::Progress;
-use crate::report::{self, Times};
-use crate::{octree_file, octree_picture, octree_report};
+use crate::report::{self, Times, milliseconds};
+use crate::{fallback, octree_file, octree_picture, octree_report};
 
 const EXAMPLES: &str = "Examples:
   nearfield octree scan.pcd --output tree.npz --picture cells.png
@@ -290,28 +290,10 @@ impl Built {
         times: &mut Times,
         notes: &mut Vec<String>,
     ) -> nearfield::Result<Self> {
-        let auto = *device == DeviceChoice::Auto;
-        let gave_up = |device: &str, error: &nearfield::Error| {
-            format!("{device} could not be used ({error}); the CPU did the work")
-        };
         let clock = Instant::now();
-        let gpu = match Gpu::open(device) {
-            Err(error) if auto => {
-                notes.push(gave_up("the GPU", &error));
-                None
-            }
-            opened => opened?,
-        };
-        if let Some(gpu) = gpu {
-            if gpu.kind() == AdapterKind::Software {
-                notes.push(format!("{} is a software renderer: the CPU in disguise, and slower", gpu.name()));
-            }
-            match Self::on_gpu(&gpu, points, settings, clock, times) {
-                Err(error) if auto && error.is_device_fault() => notes.push(gave_up(gpu.name(), &error)),
-                built => return built,
-            }
-        } else if auto && notes.iter().all(|note| !note.contains("the CPU did the work")) {
-            notes.push("no hardware GPU was found; the CPU did the work".to_owned());
+        let on_gpu = |gpu: &Gpu| Self::on_gpu(gpu, points, settings, clock, times);
+        if let Some(built) = fallback::on_gpu(device, notes, on_gpu)? {
+            return Ok(built);
         }
         let clock = Instant::now();
         let tree = LinearOctree::build(points, settings)?;
@@ -355,15 +337,4 @@ impl Split {
             Curve::Hilbert => [&self.other, &self.report],
         }
     }
-}
-
-fn file_name(path: &Path) -> String {
-    match path.file_name() {
-        Some(name) if path != Path::new("-") => name.to_string_lossy().into_owned(),
-        _ => "standard input".to_owned(),
-    }
-}
-
-fn milliseconds(since: Instant) -> f64 {
-    since.elapsed().as_secs_f64() * 1e3
 }

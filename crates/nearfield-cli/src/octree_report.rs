@@ -1,12 +1,11 @@
 //! What there is to say about an octree, as lines for people and as one JSON object for programs.
 
 use nearfield::application::{PartReport, PartitionReport};
-use nearfield::query::Clock;
 use nearfield::{DVec3, OctreeNode, Vec3};
 use serde_json::{Map, Value, json};
 
 use crate::octree::{Octree, Split};
-use crate::report::{grouped, rounded, shortest, shown_ms, size, table};
+use crate::report::{grouped, rounded, shortest, shown_ms, size, stage_json, table};
 
 /// Parts that are listed one by one for people.
 const LISTED_PARTS: usize = 64;
@@ -57,14 +56,7 @@ pub(crate) fn json(octree: &Octree) -> Value {
     let domain_min = octree.cloud.origin + tree.domain().origin().as_dvec3();
     let milliseconds: Map<String, Value> =
         octree.times.iter().map(|&(name, ms)| (name.to_owned(), rounded(ms))).collect();
-    let stages: Vec<Value> = octree
-        .stages
-        .iter()
-        .map(|s| {
-            let clock = if s.clock == Clock::Device { "device" } else { "host" };
-            json!({ "name": s.name, "milliseconds": rounded(s.milliseconds), "clock": clock })
-        })
-        .collect();
+    let stages: Vec<Value> = octree.stages.iter().map(stage_json).collect();
     json!({
         "points": octree.cloud.len(),
         "source": octree.source,

@@ -1,9 +1,10 @@
 //! What subcommands over rays share: the choice of structure and device, and the structure once it is built.
 
+use std::path::Path;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use nearfield::gpu::{AdapterKind, DeviceChoice};
+use nearfield::gpu::DeviceChoice;
 use nearfield::query::Stage;
 use nearfield::structure::{GpuRayStructure, RayStructure};
 use nearfield::{
@@ -12,7 +13,8 @@ use nearfield::{
 };
 
 use crate::exit::Failure;
-use crate::report::Times;
+use crate::fallback;
+use crate::report::{Times, milliseconds};
 
 /// Which structure is searched, and where.
 #[derive(Debug, Args)]
@@ -110,11 +112,6 @@ impl StructureArgs {
             }
         }
     }
-
-    /// Whether a GPU or its driver may be left alone when it fails.
-    fn is_auto(&self) -> bool {
-        self.device == DeviceChoice::Auto
-    }
 }
 
 impl Plan {
@@ -186,37 +183,19 @@ impl Built {
         notes: &mut Vec<String>,
         warm: impl Fn(&dyn RaySearch, &[Ray]) -> nearfield::Result<()>,
     ) -> nearfield::Result<Self> {
-        let gave_up = |device: &str, error: &nearfield::Error| {
-            format!("{device} could not be used ({error}); the CPU did the work")
-        };
         let clock = Instant::now();
-        let gpu = match Gpu::open(&args.device) {
-            Err(error) if args.is_auto() => {
-                notes.push(gave_up("the GPU", &error));
-                None
-            }
-            opened => opened?,
+        let on_gpu = |gpu: &Gpu| {
+            let built = Self::on_gpu(gpu, mesh, plan)?;
+            warm(built.rays.search(), &[Ray::new(Vec3::ZERO, Vec3::X)])?;
+            Ok(built)
         };
-        if let Some(gpu) = gpu {
-            if gpu.kind() == AdapterKind::Software {
-                notes.push(format!("{} is a software renderer: the CPU in disguise, and slower", gpu.name()));
-            }
-            let on_gpu = Self::on_gpu(&gpu, mesh, plan).and_then(|built| {
-                warm(built.rays.search(), &[Ray::new(Vec3::ZERO, Vec3::X)])?;
+        match fallback::on_gpu(&args.device, notes, on_gpu)? {
+            Some(built) => {
+                times.built(milliseconds(clock), &built.stages);
                 Ok(built)
-            });
-            match on_gpu {
-                Err(error) if args.is_auto() && error.is_device_fault() => notes.push(gave_up(gpu.name(), &error)),
-                built => {
-                    let built = built?;
-                    times.built(milliseconds(clock), &built.stages);
-                    return Ok(built);
-                }
             }
-        } else if args.is_auto() && notes.iter().all(|note| !note.contains("the CPU did the work")) {
-            notes.push("no hardware GPU was found; the CPU did the work".to_owned());
+            None => Self::on_cpu(mesh, plan, times),
         }
-        Self::on_cpu(mesh, plan, times)
     }
 
     fn on_cpu(mesh: &TriMesh, plan: Plan, times: &mut Times) -> nearfield::Result<Self> {
@@ -284,6 +263,13 @@ impl Built {
     }
 }
 
-pub(crate) fn milliseconds(since: Instant) -> f64 {
-    since.elapsed().as_secs_f64() * 1e3
+/// A structure that cannot be built over the mesh is a fault of the file, unless memory or the device failed.
+pub(crate) fn failed(input: &Path, error: nearfield::Error) -> Failure {
+    match error {
+        nearfield::Error::NoTriangles { .. }
+        | nearfield::Error::NonFinite { .. }
+        | nearfield::Error::CoordinateTooLarge { .. }
+        | nearfield::Error::TooMany { .. } => Failure::reading(input)(error),
+        other => Failure::Search(other),
+    }
 }

@@ -5,19 +5,17 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use nearfield::io::{Format, Polygons};
-use nearfield::query::{Clock, Stage};
+use nearfield::query::Stage;
 use nearfield::{Ray, RaySearch, TriMesh};
 use serde_json::{Value, json};
 
 use crate::exit::Failure;
-use crate::heatmap::{failed, file_name};
-use crate::heatmap_report::{structure_json, structure_line};
-use crate::input::{self, Input};
+use crate::input::{self, Input, file_name};
 use crate::options::Common;
 use crate::progress::Progress;
-use crate::ray_structure::{Built, Structure, StructureArgs, milliseconds};
+use crate::ray_structure::{Built, Structure, StructureArgs, failed};
 use crate::raycast_file::{self, Answer};
-use crate::report::{self, Times, grouped, rounded, shown_ms};
+use crate::report::{self, Times, grouped, milliseconds, shown_ms, stage_json};
 
 const EXAMPLES: &str = "Examples:
   nearfield raycast bunny.obj --rays rays.npy -o hits.npz
@@ -211,10 +209,6 @@ impl Told {
     }
 
     fn json(&self) -> Value {
-        let stage = |stage: &Stage| {
-            let clock = if stage.clock == Clock::Device { "device" } else { "host" };
-            json!({ "name": stage.name, "milliseconds": rounded(stage.milliseconds), "clock": clock })
-        };
         json!({
             "mesh": self.mesh,
             "triangles": self.triangles,
@@ -224,9 +218,9 @@ impl Told {
             "hits": self.hits,
             "invalid": self.invalid.len(),
             "device": self.device,
-            "structure": structure_json(&self.built),
+            "structure": self.built.json(),
             "mrays_per_second": self.mrays(),
-            "query_stages": self.stages.iter().map(stage).collect::<Vec<_>>(),
+            "query_stages": self.stages.iter().map(stage_json).collect::<Vec<_>>(),
             "milliseconds": self.times.json(),
             "notes": self.notes,
         })
@@ -247,7 +241,7 @@ impl Told {
                 ),
             ),
             ("device", self.device.clone()),
-            ("structure", structure_line(&self.built)),
+            ("structure", self.built.line()),
             ("time", self.times.line()),
             ("cast", format!("{}, {:.2} Mrays/s", shown_ms(self.times.query), self.mrays())),
         ] {

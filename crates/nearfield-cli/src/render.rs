@@ -14,15 +14,13 @@ use nearfield::structure::GpuRayStructure;
 use serde_json::{Value, json};
 
 use crate::exit::Failure;
-use crate::heatmap::{failed, file_name};
-use crate::heatmap_report::{structure_json, structure_line};
-use crate::input::Input;
+use crate::input::{Input, file_name};
 use crate::interrupt;
 use crate::options::{Common, PictureSize};
 use crate::progress::{CountBar, Progress};
-use crate::ray_structure::{Built, Rays, Structure, StructureArgs, milliseconds};
+use crate::ray_structure::{Built, Rays, Structure, StructureArgs, failed};
 use crate::render_picture::{self, PictureFormat};
-use crate::report::{self, Times, grouped, rounded};
+use crate::report::{self, Times, grouped, milliseconds, rounded};
 
 const EXAMPLES: &str = "Examples:
   nearfield render bunny.obj --spp 64 -o bunny.png
@@ -371,7 +369,7 @@ impl Told<'_> {
             "seed": self.args.seed,
             "device": self.device,
             "stages_on": self.stages_on,
-            "structure": structure_json(self.built),
+            "structure": self.built.json(),
             "paths": self.counters.paths,
             "rays": self.counters.rays,
             "shadow_rays": self.counters.shadow_rays,
@@ -398,7 +396,7 @@ impl Told<'_> {
                 ),
             ),
             ("device", format!("{}, stages on the {}", self.device, self.stages_on)),
-            ("structure", structure_line(self.built)),
+            ("structure", self.built.line()),
             ("rays", format!("{} and {} to lights", grouped(self.counters.rays), grouped(self.counters.shadow_rays))),
             ("speed", format!("{}, {}", samples_a_second(&self.counters), mrays(&self.counters))),
             ("time", self.times.line()),

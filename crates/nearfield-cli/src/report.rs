@@ -1,12 +1,24 @@
 //! The summary of a search, as lines for people and as one JSON object for programs.
 
 use std::io::Write;
+use std::time::Instant;
 
 use nearfield::query::{Clock, Stage};
 use nearfield::{Report, query::Summary};
 use serde_json::{Value, json};
 
 use crate::exit::Failure;
+
+/// A stage that was timed, and by whose clock.
+pub(crate) fn stage_json(stage: &Stage) -> Value {
+    let clock = if stage.clock == Clock::Device { "device" } else { "host" };
+    json!({ "name": stage.name, "milliseconds": rounded(stage.milliseconds), "clock": clock })
+}
+
+/// Milliseconds of the wall clock.
+pub(crate) fn milliseconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}
 
 /// Wall-clock milliseconds of the stages of the command, in the order they ran.
 #[derive(Debug, Clone, Default)]
@@ -131,10 +143,6 @@ pub(crate) struct SearchSummary {
 impl SearchSummary {
     /// The object that `--json` prints.
     pub(crate) fn json(&self) -> Value {
-        let stage = |s: &Stage| {
-            let clock = if s.clock == Clock::Device { "device" } else { "host" };
-            json!({ "name": s.name, "milliseconds": rounded(s.milliseconds), "clock": clock })
-        };
         let kth = |i: usize| self.knn.as_ref().and_then(|knn| Some(knn.kth?[i]));
         json!({
             "points": self.points,
@@ -160,8 +168,8 @@ impl SearchSummary {
             "kernels": self.report.kernels,
             "batches": self.report.batches,
             "milliseconds": self.times.json(),
-            "build_stages": self.build_stages.iter().map(stage).collect::<Vec<_>>(),
-            "query_stages": self.report.stages.iter().map(stage).collect::<Vec<_>>(),
+            "build_stages": self.build_stages.iter().map(stage_json).collect::<Vec<_>>(),
+            "query_stages": self.report.stages.iter().map(stage_json).collect::<Vec<_>>(),
             "memory_bytes": self.memory_bytes,
             "notes": self.notes,
         })
