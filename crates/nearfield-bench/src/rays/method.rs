@@ -2,8 +2,8 @@
 
 use std::time::Instant;
 
-use nearfield::gpu::{Gpu, Workgroups};
-use nearfield::query::{Clock, RaysOnDevice, Stage};
+use nearfield::gpu::Gpu;
+use nearfield::query::{Clock, DeviceRays, RaysOnDevice, Stage};
 use nearfield::structure::{BuildStage, PreparedTriangles, RayStructure};
 use nearfield::{
     BruteForceMesh, BvhSettings, GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, HitRecord, KdTraversal, KdTree,
@@ -297,10 +297,10 @@ fn on_device(
     let ((), measured) = repeat_unless_slow(effort, || {
         let mut commands = gpu.commands("cast");
         commands.stage("cast");
-        let covering = Workgroups::Covering(n as u64);
+        let rays = DeviceRays::first(&buffer, n);
         match question {
-            Question::Closest => search.record_closest(&mut commands, &buffer, n, covering, &hits)?,
-            Question::Any => search.record_any(&mut commands, &buffer, n, covering, &states)?,
+            Question::Closest => search.record_closest(&mut commands, &rays, &hits)?,
+            Question::Any => search.record_any(&mut commands, &rays, &states)?,
             Question::All => return Err(Error::from("all hits are not recorded on the device")),
         }
         let times = commands.run()?;

@@ -7,7 +7,7 @@
 use std::time::Instant;
 
 use nearfield::application::{Film, GpuPathTracer, Material, PathSettings, PathTracer, Scene as Room};
-use nearfield::{GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, RaysOnDevice, Vec3};
+use nearfield::{GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, Vec3};
 
 use super::method::{self, Method, Scene};
 use super::rows::{Row, digits};
@@ -66,7 +66,7 @@ fn on_cpu(room: &Room, search: &dyn nearfield::RaySearch, side: u32, until: Unti
     Ok(Made { iterations, seconds, first, rays })
 }
 
-fn on_gpu<S: RaysOnDevice + nearfield::structure::GpuRayStructure>(
+fn on_gpu<S: nearfield::structure::GpuRayStructure>(
     room: &Room,
     structure: &S,
     side: u32,

@@ -120,6 +120,11 @@ impl PreparedTriangle {
         (b - a).cross(c - a).normalize_or_zero().as_vec3()
     }
 
+    /// Whether the triangle can be hit at all: the corners of one without an area are one point.
+    pub fn has_area(&self) -> bool {
+        self.low != self.high
+    }
+
     /// The smallest box that holds the triangle.
     pub fn bounds(&self) -> Aabb {
         Triangle::new(self.low, self.middle, self.high).bounds()

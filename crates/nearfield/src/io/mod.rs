@@ -32,6 +32,7 @@ pub use exr::write_exr;
 pub use format::{FORMATS, Format, FormatInfo};
 pub use npy::{NpyArray, write_npz};
 pub use obj::{MeshMaterials, MtlMaterial, parse_mtl, read_obj_materials};
+pub(crate) use open::with_path;
 pub use open::{Polygons, parse_cloud, parse_mesh, parse_mesh_with, read_cloud, read_mesh};
 pub use radii::parse_radii;
 pub use rays::parse_rays;
@@ -43,7 +44,7 @@ use crate::error::{FileError, Place};
 use crate::{PointCloud, TriMesh};
 
 /// A mesh from world coordinates and triangles already known to be in range.
-fn mesh_from_world(coordinates: &[DVec3], triangles: Vec<[u32; 3]>) -> TriMesh {
+pub(crate) fn mesh_from_world(coordinates: &[DVec3], triangles: Vec<[u32; 3]>) -> TriMesh {
     let cloud = PointCloud::from_world(coordinates);
     TriMesh { origin: cloud.origin, vertices: cloud.points, triangles, normals: None, colors: None }
 }

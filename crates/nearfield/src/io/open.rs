@@ -102,10 +102,11 @@ fn contents(path: &Path) -> Result<Vec<u8>> {
     read().map_err(|source| Error::Io { path: path.to_owned(), source })
 }
 
-fn with_path(error: Error, path: &Path) -> Error {
+/// A fault of a file with the name of the file, where it has none yet.
+pub(crate) fn with_path(error: Error, path: &Path) -> Error {
     match error {
         Error::File(mut file) => {
-            file.path = Some(path.to_owned());
+            file.path.get_or_insert_with(|| path.to_owned());
             Error::File(file)
         }
         other => other,

@@ -20,6 +20,7 @@ mod knn;
 mod neighbors;
 #[cfg(feature = "gpu")]
 mod occupancy;
+mod packs;
 mod ray_cast;
 mod report;
 mod rows;
@@ -45,7 +46,7 @@ pub use index::{Index, IndexSettings};
 pub use knn::{Knn, KnnSearch, NearestNeighbors};
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
 #[cfg(feature = "gpu")]
-pub use ray_cast::RaysOnDevice;
+pub use ray_cast::{DeviceRays, RaysOnDevice};
 pub use ray_cast::{HitCounts, HitLists, HitRecord, Hits, Occlusion, RayHit, RaySearch};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]

@@ -6,6 +6,7 @@
 //! a ray ([`RayStructure`]).
 
 use std::ops::Range;
+use std::time::Instant;
 
 use glam::Vec3;
 
@@ -71,9 +72,14 @@ pub struct BuildStage {
     pub on_device: bool,
 }
 
-#[cfg(feature = "gpu")]
 impl BuildStage {
+    /// A stage that began at `start`, by the host's clock.
+    pub(crate) fn on_host(name: &'static str, start: Instant) -> Self {
+        Self { name, milliseconds: start.elapsed().as_secs_f64() * 1e3, on_device: false }
+    }
+
     /// A stage by the device's clock; `None` where it has none.
+    #[cfg(feature = "gpu")]
     pub(crate) fn on_device(time: &crate::gpu::StageTime) -> Option<Self> {
         Some(Self { name: time.name, milliseconds: time.milliseconds?, on_device: true })
     }

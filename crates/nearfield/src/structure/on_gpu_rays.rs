@@ -35,7 +35,9 @@ pub trait GpuRayStructure: Sync {
 
     /// Rounds that the loops of every walk take together at least. Asked only on devices that end long loops
     /// ([`crate::gpu::GpuLimits::loop_rounds`]), so that a cast that cannot succeed is not begun.
-    fn fewest_rounds(&self) -> u64;
+    fn fewest_rounds(&self) -> u64 {
+        0
+    }
 
     /// Times of the build.
     fn build_stages(&self) -> &[BuildStage];

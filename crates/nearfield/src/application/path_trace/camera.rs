@@ -1,4 +1,4 @@
-//! The pinhole camera. Twin of `camera.wesl`.
+//! The pinhole camera. Its twin stands in `parameters.wesl`.
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};

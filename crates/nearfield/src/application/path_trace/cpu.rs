@@ -14,6 +14,7 @@ use super::tables::SceneTables;
 use super::{PathCounters, PathSettings};
 use crate::geometry::Ray;
 use crate::query::RaySearch;
+use crate::structure::PreparedTriangles;
 use crate::{Error, Result};
 
 /// Paths of a tile: enough rays for every thread in each batch, and the states of all of them (some 200 bytes each)
@@ -40,13 +41,8 @@ impl<'a> PathTracer<'a> {
     /// # Errors
     /// As [`Scene::check`] and [`PathSettings::check`]; `LengthMismatch` where the structure has another number of triangles.
     pub fn new(scene: Scene, search: &'a dyn RaySearch, settings: PathSettings) -> Result<Self> {
-        scene.check()?;
-        settings.check()?;
         let prepared = search.prepared();
-        let (found, expected) = (prepared.len() as u64, scene.mesh.triangles.len() as u64);
-        if found != expected {
-            return Err(Error::LengthMismatch { what: "the structure over the scene's triangles", found, expected });
-        }
+        check(&scene, &settings, prepared)?;
         let tables = SceneTables::new(&scene, prepared.as_slice(), prepared.space());
         Ok(Self { search, scene, tables, settings, counters: PathCounters::default() })
     }
@@ -77,7 +73,7 @@ impl<'a> PathTracer<'a> {
     /// As [`RaySearch::closest_hits`]; `TooMany` after 2³² − 1 samples.
     pub fn render_pass(&mut self, film: &mut Film) -> Result<()> {
         let start = Instant::now();
-        let parameters = pass_parameters(&self.scene, &self.settings, film)?;
+        let parameters = pass_parameters(&self.scene, &self.settings, [film.width(), film.height()], film.samples())?;
         let pixels = film.sums().len();
         let mut counters = PathCounters::default();
         let mut radiance = vec![Vec3::ZERO; pixels];
@@ -86,8 +82,7 @@ impl<'a> PathTracer<'a> {
             let parameters = PathParameters { first_pixel, n_paths: sums.len() as u32, ..parameters };
             self.trace_tile(parameters, sums, &mut counters)?;
         }
-        film.accumulate(0, &radiance);
-        film.samples += 1;
+        film.accumulate(&radiance);
         counters.seconds = start.elapsed().as_secs_f64();
         self.counters.add(&counters);
         Ok(())
@@ -145,9 +140,28 @@ fn add_light(shaded: &[Shaded], occluded: &[u32], sums: &mut [Vec3]) {
     }
 }
 
-/// What all paths of the next pass share.
-pub(super) fn pass_parameters(scene: &Scene, settings: &PathSettings, film: &Film) -> Result<PathParameters> {
-    if film.samples() == u32::MAX {
+/// Checks what a path tracer is made of.
+///
+/// # Errors
+/// As [`PathTracer::new`].
+pub(super) fn check(scene: &Scene, settings: &PathSettings, prepared: &PreparedTriangles) -> Result<()> {
+    scene.check()?;
+    settings.check()?;
+    let (found, expected) = (prepared.len() as u64, scene.mesh.triangles.len() as u64);
+    if found != expected {
+        return Err(Error::LengthMismatch { what: "the structure over the scene's triangles", found, expected });
+    }
+    Ok(())
+}
+
+/// What all paths of the next pass share, but for their tile.
+pub(super) fn pass_parameters(
+    scene: &Scene,
+    settings: &PathSettings,
+    [width, height]: [u32; 2],
+    samples: u32,
+) -> Result<PathParameters> {
+    if samples == u32::MAX {
         return Err(Error::TooMany {
             what: "samples a pixel",
             found: u64::from(u32::MAX) + 1,
@@ -156,12 +170,12 @@ pub(super) fn pass_parameters(scene: &Scene, settings: &PathSettings, film: &Fil
         });
     }
     Ok(PathParameters {
-        camera: CameraFrame::new(&scene.camera, film.width(), film.height()),
-        width: film.width(),
-        height: film.height(),
+        camera: CameraFrame::new(&scene.camera, width, height),
+        width,
+        height,
         first_pixel: 0,
-        n_paths: film.sums().len() as u32,
-        sample: film.samples(),
+        n_paths: 0,
+        sample: samples,
         seed: settings.seed,
         depth: 0,
         most_depth: settings.depth,

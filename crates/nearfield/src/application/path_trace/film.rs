@@ -23,6 +23,20 @@ impl Film {
     /// # Errors
     /// `InvalidSetting` for a side of no pixels or more than 2²⁸ pixels; `OutOfMemory`.
     pub fn new(width: u32, height: u32) -> Result<Self> {
+        let pixels = Self::pixels(width, height)?;
+        let mut sums = Vec::new();
+        let needed = (pixels * size_of::<Vec3>()) as u64;
+        let refused = |_| Error::OutOfMemory { what: "the picture", needed, available: 0 };
+        sums.try_reserve_exact(pixels).map_err(refused)?;
+        sums.resize(pixels, Vec3::ZERO);
+        Ok(Self { width, height, sums, samples: 0, dropped: 0 })
+    }
+
+    /// Number of pixels.
+    ///
+    /// # Errors
+    /// `InvalidSetting` as [`Film::new`].
+    pub(super) fn pixels(width: u32, height: u32) -> Result<usize> {
         let pixels = u64::from(width) * u64::from(height);
         if pixels == 0 || pixels > MOST_PIXELS {
             return Err(Error::InvalidSetting {
@@ -31,12 +45,7 @@ impl Film {
                 expected: "sides of one pixel or more, and at most 268,435,456 pixels",
             });
         }
-        let mut sums = Vec::new();
-        let needed = pixels * size_of::<Vec3>() as u64;
-        let refused = |_| Error::OutOfMemory { what: "the picture", needed, available: 0 };
-        sums.try_reserve_exact(pixels as usize).map_err(refused)?;
-        sums.resize(pixels as usize, Vec3::ZERO);
-        Ok(Self { width, height, sums, samples: 0, dropped: 0 })
+        Ok(pixels as usize)
     }
 
     /// Columns.
@@ -76,9 +85,10 @@ impl Film {
         self.sums.iter().map(|&sum| (sum * share).to_array().map(srgb_byte)).collect()
     }
 
-    /// Adds one sample to the pixels from `first` on.
-    pub(super) fn accumulate(&mut self, first: usize, radiance: &[Vec3]) {
-        for (sum, &sample) in self.sums[first..].iter_mut().zip(radiance) {
+    /// Adds one sample to every pixel.
+    pub(super) fn accumulate(&mut self, radiance: &[Vec3]) {
+        self.samples += 1;
+        for (sum, &sample) in self.sums.iter_mut().zip(radiance) {
             if sample.is_finite() {
                 *sum += sample;
             } else {
@@ -109,8 +119,7 @@ mod tests {
     #[test]
     fn samples_that_are_not_finite_are_counted_and_left_out() {
         let mut film = Film::new(2, 1).unwrap();
-        film.accumulate(0, &[Vec3::ONE, Vec3::NAN]);
-        film.samples += 1;
+        film.accumulate(&[Vec3::ONE, Vec3::NAN]);
         assert_eq!((film.radiance(), film.dropped()), (vec![Vec3::ONE, Vec3::ZERO], 1));
     }
 

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use super::cpu::pass_parameters;
+use super::cpu::{check, pass_parameters};
 use super::film::Film;
 use super::generate::{PathParameters, PathState};
 use super::gpu_tables::GpuTables;
@@ -17,7 +17,7 @@ use super::tables::SceneTables;
 use super::{PathCounters, PathSettings};
 use crate::geometry::Ray;
 use crate::gpu::{Access, Buffer, Gpu, Kernel, Pipeline, Workgroups};
-use crate::query::{HitRecord, RaysOnDevice};
+use crate::query::{DeviceRays, HitRecord, RaysOnDevice};
 use crate::structure::GpuRayStructure;
 use crate::{Error, Result};
 
@@ -39,8 +39,9 @@ pub struct GpuPathTracer<'a, S> {
     tile: Tile,
     film: Buffer<[f32; 4]>,
     dropped: Buffer<u32>,
-    /// Size and number of samples of the film.
-    shape: Film,
+    /// Width and height of the film.
+    size: [u32; 2],
+    samples: u32,
     counters: PathCounters,
 }
 
@@ -78,18 +79,11 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
     /// Over `structure`, built over the mesh of the scene, with an empty picture of `width` by `height` pixels.
     ///
     /// # Errors
-    /// As [`super::PathTracer::new`] and [`Film::new`]; `OutOfDeviceMemory`, `DeviceLost`, `KernelRejected`.
+    /// As [`super::PathTracer::new`]; `InvalidSetting` as [`Film::new`]; `OutOfDeviceMemory`, `DeviceLost`, `KernelRejected`.
     pub fn new(scene: Scene, structure: &'a S, settings: PathSettings, width: u32, height: u32) -> Result<Self> {
-        scene.check()?;
-        settings.check()?;
-        let shape = Film::new(width, height)?;
-        let prepared = structure.triangles();
-        let (found, expected) = (prepared.len() as u64, scene.mesh.triangles.len() as u64);
-        if found != expected {
-            return Err(Error::LengthMismatch { what: "the structure over the scene's triangles", found, expected });
-        }
-        let gpu = structure.gpu();
-        let pixels = shape.sums().len();
+        let (gpu, prepared) = (structure.gpu(), structure.triangles());
+        check(&scene, &settings, prepared)?;
+        let pixels = Film::pixels(width, height)?;
         let tables = GpuTables::upload(gpu, &SceneTables::new(&scene, prepared.as_slice(), prepared.space()))?;
         let film = gpu.buffer("film", pixels)?;
         let dropped = gpu.buffer("samples left out", 1)?;
@@ -100,7 +94,19 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
         commands.submit()?;
         let kernels = [generate_kernel(gpu)?, shade_kernel(gpu)?, accumulate_kernel(gpu)?];
         let counters = PathCounters::default();
-        Ok(Self { structure, scene, settings, tables, kernels, tile, film, dropped, shape, counters })
+        Ok(Self {
+            structure,
+            scene,
+            settings,
+            tables,
+            kernels,
+            tile,
+            film,
+            dropped,
+            size: [width, height],
+            samples: 0,
+            counters,
+        })
     }
 
     /// The scene.
@@ -110,7 +116,7 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
 
     /// Samples that each pixel has.
     pub fn samples(&self) -> u32 {
-        self.shape.samples()
+        self.samples
     }
 
     /// What all passes so far have done.
@@ -125,8 +131,8 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
     /// 2³² − 1 samples. After an error the picture may hold a part of the pass.
     pub fn render_pass(&mut self) -> Result<()> {
         let start = Instant::now();
-        let parameters = pass_parameters(&self.scene, &self.settings, &self.shape)?;
-        let pixels = self.shape.sums().len();
+        let parameters = pass_parameters(&self.scene, &self.settings, self.size, self.samples)?;
+        let pixels = self.film.len();
         let mut counters = PathCounters { paths: pixels as u64, ..PathCounters::default() };
         for first in (0..pixels).step_by(self.tile.len) {
             let n_paths = self.tile.len.min(pixels - first);
@@ -138,7 +144,7 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
             counters.rays += u64::from(totals[0]);
             counters.shadow_rays += u64::from(totals[1]);
         }
-        self.shape.samples += 1;
+        self.samples += 1;
         counters.seconds = start.elapsed().as_secs_f64();
         self.counters.add(&counters);
         Ok(())
@@ -149,6 +155,7 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
         let (gpu, tile) = (self.structure.gpu(), &self.tile);
         let n = parameters.n_paths as usize;
         let all = || Workgroups::Covering(n as u64);
+        let (rays, shadows) = (DeviceRays::first(&tile.rays, n), DeviceRays::first(&tile.shadows, n));
         let [generate, shade, accumulate] = &self.kernels;
         let mut commands = gpu.commands("trace paths");
         let shared = gpu.uniform("path parameters", &parameters)?;
@@ -157,7 +164,7 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
         for depth in 0..=self.settings.depth {
             let shared = gpu.uniform("path parameters", &PathParameters { depth, ..parameters })?;
             commands.stage("closest hits");
-            self.structure.record_closest(&mut commands, &tile.rays, n, all(), &tile.hits)?;
+            self.structure.record_closest(&mut commands, &rays, &tile.hits)?;
             let binds = [
                 (&shared).into(),
                 (&self.tables.layout).into(),
@@ -172,7 +179,7 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
             ];
             commands.stage("shade").dispatch(shade, &binds, all());
             commands.stage("any hits");
-            self.structure.record_any(&mut commands, &tile.shadows, n, all(), &tile.states)?;
+            self.structure.record_any(&mut commands, &shadows, &tile.states)?;
             let binds = [
                 (&shared).into(),
                 (&tile.lights).into(),
@@ -193,7 +200,8 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
     /// `OutOfDeviceMemory` for the staging memory, `OutOfMemory`, `DeviceLost`.
     pub fn film(&self) -> Result<Film> {
         let gpu = self.structure.gpu();
-        let mut film = self.shape.clone();
+        let mut film = Film::new(self.size[0], self.size[1])?;
+        film.samples = self.samples;
         for (sum, [r, g, b, _]) in film.sums.iter_mut().zip(gpu.read(&self.film)?) {
             *sum = Vec3::new(r, g, b);
         }

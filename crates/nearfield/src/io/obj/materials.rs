@@ -11,6 +11,7 @@ use glam::Vec3;
 use super::read::{name_after, read_named};
 use crate::error::{FileError, Place};
 use crate::io::text::{Lines, number, parsed, shown, words};
+use crate::io::with_path;
 use crate::{Error, Result, TriMesh};
 
 const NAME: &str = "MTL";
@@ -69,7 +70,7 @@ pub struct MeshMaterials {
 /// material file is malformed, or where a triangle uses a material that no file has.
 pub fn read_obj_materials(path: &Path) -> Result<(TriMesh, MeshMaterials)> {
     let contents = |path: &Path| std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source });
-    let (mesh, named) = read_named(&contents(path)?).map_err(|error| in_file(error, path))?;
+    let (mesh, named) = read_named(&contents(path)?).map_err(|error| with_path(error, path))?;
     if named.libraries.is_empty() {
         let material_of = vec![None; mesh.triangles.len()];
         return Ok((mesh, MeshMaterials { materials: vec![], material_of }));
@@ -78,7 +79,7 @@ pub fn read_obj_materials(path: &Path) -> Result<(TriMesh, MeshMaterials)> {
     let mut found = HashMap::new();
     for library in &named.libraries {
         let library = folder.join(PathBuf::from(library.replace('\\', "/")));
-        let materials = parse_mtl(&contents(&library)?).map_err(|error| in_file(error, &library))?;
+        let materials = parse_mtl(&contents(&library)?).map_err(|error| with_path(error, &library))?;
         for material in materials {
             // The first definition of a name counts.
             found.entry(material.name.clone()).or_insert(material);
@@ -90,22 +91,12 @@ pub fn read_obj_materials(path: &Path) -> Result<(TriMesh, MeshMaterials)> {
             let expected = format!("a material of {}", named.libraries.join(", "));
             let error =
                 FileError::new("OBJ", Place::Line(*line), format!("usemtl {}", shown(name.as_bytes())), expected);
-            return Err(in_file(error.into(), path));
+            return Err(with_path(error.into(), path));
         };
         materials.push(material.clone());
     }
     let material_of = named.name_of.iter().map(|&i| (i != u32::MAX).then_some(i)).collect();
     Ok((mesh, MeshMaterials { materials, material_of }))
-}
-
-fn in_file(error: Error, path: &Path) -> Error {
-    match error {
-        Error::File(mut file) => {
-            file.path = Some(path.to_owned());
-            Error::File(file)
-        }
-        other => other,
-    }
 }
 
 /// Reads the materials of an MTL file, in its order.

@@ -34,7 +34,7 @@ const NEAREST: VisitorCode<'static> = VisitorCode {
 };
 
 /// Adds the device's stage times to a report.
-pub(super) fn add_stages(report: &mut Report, times: &[StageTime]) {
+pub(in crate::query) fn add_stages(report: &mut Report, times: &[StageTime]) {
     for time in times {
         if let Some(milliseconds) = time.milliseconds {
             report.stages.push(Stage { name: time.name, milliseconds, clock: Clock::Device });

@@ -20,6 +20,7 @@ mod row_masks;
 mod visit;
 mod visitor;
 
+pub(super) use answers::add_stages;
 #[doc(hidden)]
 pub use any_dimension::{Asked, HitN, SearchN};
 pub use knn::GpuNearestNeighbors;

@@ -6,12 +6,13 @@ use std::time::Instant;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::on_device::{self, ALL, ANY, CLOSEST, CLOSEST_WITH_WORK, COUNT, HitCode};
+use super::on_device::{self, ALL, ANY, CLOSEST, CLOSEST_WITH_WORK, COUNT, DeviceRays, HitCode};
 use super::{HitCounts, HitLists, HitRecord, Hits, Occlusion, RaySearch};
 use crate::geometry::Ray;
-use crate::gpu::{Access, Bind, Buffer, Commands, DeviceElement, Gpu, Kernel, StageTime, Workgroups};
+use crate::gpu::{Access, Bind, Buffer, Commands, DeviceElement, Gpu, Kernel, Workgroups};
+use crate::query::gpu::add_stages;
 use crate::query::gpu::batch::{halving, windows};
-use crate::query::{Clock, Report, Stage};
+use crate::query::{Report, Stage};
 use crate::structure::{GpuBruteForceMesh, GpuKdTree, GpuRayStructure, GpuTriangleBvh, PreparedTriangles, RayWork};
 use crate::{Error, Result};
 
@@ -37,14 +38,6 @@ fn report<S: GpuRayStructure>(structure: &S, code: &HitCode) -> Report {
         device: structure.gpu().name().to_owned(),
         kernels: vec!["package::query::ray_cast::cast".to_owned(), code.module.to_owned()],
         ..Report::default()
-    }
-}
-
-fn add_stages(report: &mut Report, times: &[StageTime]) {
-    for time in times {
-        if let Some(milliseconds) = time.milliseconds {
-            report.stages.push(Stage { name: time.name, milliseconds, clock: Clock::Device });
-        }
     }
 }
 
@@ -80,8 +73,7 @@ fn cast<S: GpuRayStructure>(
     report.host_stage("upload", upload);
     let mut commands = gpu.commands("cast rays");
     commands.stage("cast");
-    let covering = Workgroups::Covering(rays.len() as u64);
-    on_device::record(&mut commands, structure, &buffer, rays.len(), covering, code, visitor)?;
+    on_device::record(&mut commands, structure, &DeviceRays::first(&buffer, rays.len()), code, visitor)?;
     add_stages(report, &commands.run()?);
     Ok(())
 }
@@ -99,48 +91,46 @@ fn check_finished<S: GpuRayStructure>(structure: &S, mut words: impl Iterator<It
     }
 }
 
-/// Appends what a buffer holds.
-fn read_into<T: DeviceElement>(gpu: &Gpu, buffer: &Buffer<T>, to: &mut Vec<T>, report: &mut Report) -> Result<()> {
-    let read = Instant::now();
-    to.extend(gpu.read(buffer)?);
-    report.host_stage("read back", read);
-    Ok(())
-}
-
-/// One word a ray.
-fn words<S: GpuRayStructure>(structure: &S, rays: &[Ray], code: &HitCode) -> Result<(Vec<u32>, Report)> {
+/// One element a ray, read back.
+fn one_each<S: GpuRayStructure, T: DeviceElement>(
+    structure: &S,
+    rays: &[Ray],
+    code: &HitCode,
+) -> Result<(Vec<T>, Report)> {
     let start = Instant::now();
     let gpu = structure.gpu();
     let mut report = report(structure, code);
     let mut answers = Vec::with_capacity(rays.len());
     in_batches(rays, &mut report, |range, report| {
-        let buffer = gpu.buffer("answers to rays", range.len())?;
+        let buffer: Buffer<T> = gpu.buffer("answers to rays", range.len())?;
         cast(structure, &rays[range], code, &[(&buffer).into()], report)?;
-        read_into(gpu, &buffer, &mut answers, report)
+        let read = Instant::now();
+        answers.extend(gpu.read(&buffer)?);
+        report.host_stage("read back", read);
+        Ok(())
     })?;
-    check_finished(structure, answers.iter().copied())?;
     report.host_stage("total", start);
     Ok((answers, report))
 }
 
-/// The device marks what is missing by the largest number.
-fn with_endless_misses(records: &mut [HitRecord]) {
+/// One word a ray.
+fn words<S: GpuRayStructure>(structure: &S, rays: &[Ray], code: &HitCode) -> Result<(Vec<u32>, Report)> {
+    let (words, report) = one_each(structure, rays, code)?;
+    check_finished(structure, words.iter().copied())?;
+    Ok((words, report))
+}
+
+/// Checks that no ray was abandoned, and gives rays without a hit an infinite t: the device marks them by the largest
+/// number.
+fn finish<S: GpuRayStructure>(structure: &S, records: &mut [HitRecord]) -> Result<()> {
+    check_finished(structure, records.iter().map(|record| record.triangle))?;
     records.iter_mut().filter(|record| !record.is_hit()).for_each(|record| record.t = f32::INFINITY);
+    Ok(())
 }
 
 fn closest<S: GpuRayStructure>(structure: &S, rays: &[Ray]) -> Result<Hits> {
-    let start = Instant::now();
-    let gpu = structure.gpu();
-    let mut report = report(structure, &CLOSEST);
-    let mut records = Vec::with_capacity(rays.len());
-    in_batches(rays, &mut report, |range, report| {
-        let hits: Buffer<HitRecord> = gpu.buffer("hits", range.len())?;
-        cast(structure, &rays[range], &CLOSEST, &[(&hits).into()], report)?;
-        read_into(gpu, &hits, &mut records, report)
-    })?;
-    check_finished(structure, records.iter().map(|record| record.triangle))?;
-    with_endless_misses(&mut records);
-    report.host_stage("total", start);
+    let (mut records, report) = one_each(structure, rays, &CLOSEST)?;
+    finish(structure, &mut records)?;
     Ok(Hits { records, triangles: structure.triangles().clone(), report })
 }
 
@@ -159,8 +149,7 @@ fn closest_with_work<S: GpuRayStructure>(structure: &S, rays: &[Ray]) -> Result<
         works.extend(read_work);
         Ok(())
     })?;
-    check_finished(structure, records.iter().map(|record| record.triangle))?;
-    with_endless_misses(&mut records);
+    finish(structure, &mut records)?;
     report.host_stage("total", start);
     Ok((Hits { records, triangles: structure.triangles().clone(), report }, works))
 }
@@ -186,11 +175,10 @@ fn fill_rows<S: GpuRayStructure>(
     let buffer = gpu.upload("rays", rays)?;
     let mut commands = gpu.commands("list hits");
     commands.stage("fill");
-    let covering = Workgroups::Covering(rays.len() as u64);
     let visitor: [Bind; 3] = [(&offsets).into(), (&records).into(), (&lengths).into()];
-    on_device::record(&mut commands, structure, &buffer, rays.len(), covering.clone(), &ALL, &visitor)?;
+    on_device::record(&mut commands, structure, &DeviceRays::first(&buffer, rays.len()), &ALL, &visitor)?;
     commands.stage("sort");
-    record_sort(&mut commands, gpu, &offsets, &lengths, &records, counts, covering)?;
+    record_sort(&mut commands, gpu, &offsets, &lengths, &records, counts)?;
     add_stages(report, &commands.run()?);
     if gpu.read(&lengths)? != counts {
         return Err(Error::Device {
@@ -208,7 +196,6 @@ fn record_sort(
     lengths: &Buffer<u32>,
     records: &Buffer<HitRecord>,
     counts: &[u32],
-    covering: Workgroups,
 ) -> Result<()> {
     let longest = u64::from(counts.iter().copied().max().unwrap_or(0));
     // Every record is sifted twice at most, through all levels of the heap.
@@ -226,7 +213,7 @@ fn record_sort(
         ..Kernel::new("package::query::ray_cast::sort_hits", "sort_hits", &[Uniform, Read, Read, ReadWrite], WORKGROUP)
     };
     let binds: [Bind; 4] = [(&batch).into(), offsets.into(), lengths.into(), records.into()];
-    commands.dispatch(&gpu.pipeline(&kernel)?, &binds, covering);
+    commands.dispatch(&gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(counts.len() as u64));
     Ok(())
 }
 

@@ -34,7 +34,7 @@ pub use hits::{HitCounts, HitLists, HitRecord, Hits, Occlusion, RayHit};
 #[doc(hidden)]
 pub use on_device::RayBatch;
 #[cfg(feature = "gpu")]
-pub use on_device::RaysOnDevice;
+pub use on_device::{DeviceRays, RaysOnDevice};
 
 use crate::Result;
 use crate::geometry::Ray;

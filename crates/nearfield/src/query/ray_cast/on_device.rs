@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use super::HitRecord;
 use crate::geometry::Ray;
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Workgroups};
+use crate::gpu::{Access, Bind, Buffer, Commands, DeviceElement, Kernel, Workgroups};
 use crate::structure::{GpuRayStructure, RayWork};
 use crate::{Error, Result};
 
@@ -65,21 +65,51 @@ pub(super) fn too_many_rounds<S: GpuRayStructure>(structure: &S, limit: u32) -> 
     }
 }
 
-/// Records one cast: `workgroups` invocations, of which the first `count` have a ray.
+/// Rays in device memory, and which of them are cast.
+#[derive(Debug, Clone)]
+pub struct DeviceRays<'a> {
+    /// The rays.
+    pub buffer: &'a Buffer<Ray>,
+    /// The first of them that are cast; those beyond are not.
+    pub count: usize,
+    /// With [`Workgroups::Covering`]`(count)` all `count` are cast; a kernel that ran before may leave fewer, in workgroups
+    /// of 64, by [`Workgroups::Indirect`].
+    pub workgroups: Workgroups,
+}
+
+impl<'a> DeviceRays<'a> {
+    /// The first `count` rays of a buffer.
+    pub fn first(buffer: &'a Buffer<Ray>, count: usize) -> Self {
+        Self { buffer, count, workgroups: Workgroups::Covering(count as u64) }
+    }
+
+    /// Checks that a buffer has an element for each ray that is cast.
+    fn check_length<T: DeviceElement>(&self, buffer: &Buffer<T>) -> Result<()> {
+        if buffer.len() < self.count {
+            let (found, expected) = (buffer.len() as u64, self.count as u64);
+            return Err(Error::LengthMismatch { what: buffer.label(), found, expected });
+        }
+        Ok(())
+    }
+}
+
+/// Records one cast.
+///
+/// # Errors
+/// `LengthMismatch` where there are fewer rays than are to be cast; as [`RaysOnDevice::record_closest`].
 pub(super) fn record<S: GpuRayStructure>(
     commands: &mut Commands,
     structure: &S,
-    rays: &Buffer<Ray>,
-    count: usize,
-    workgroups: Workgroups,
+    rays: &DeviceRays<'_>,
     code: &HitCode,
     visitor: &[Bind],
 ) -> Result<()> {
     check_loops(structure)?;
+    rays.check_length(rays.buffer)?;
     let gpu = structure.gpu();
-    let batch = gpu.uniform("ray batch", &RayBatch { count: count as u32, padding: [0; 3] })?;
+    let batch = gpu.uniform("ray batch", &RayBatch { count: rays.count as u32, padding: [0; 3] })?;
     let space = gpu.uniform("ray space", structure.triangles().space())?;
-    let mut binds: Vec<Bind> = vec![(&batch).into(), rays.into(), (&space).into()];
+    let mut binds: Vec<Bind> = vec![(&batch).into(), rays.buffer.into(), (&space).into()];
     let mut accesses = vec![Access::Uniform, Access::Read, Access::Uniform];
     for (access, bind) in structure.bindings() {
         accesses.push(access);
@@ -97,29 +127,19 @@ pub(super) fn record<S: GpuRayStructure>(
         constants: &[("WORKGROUP", f64::from(WORKGROUP))],
         ..Kernel::new("package::query::ray_cast::cast", "cast_rays", &accesses, WORKGROUP)
     };
-    commands.dispatch_with_visitor(&gpu.pipeline(&kernel)?, &binds, visitor, workgroups);
+    commands.dispatch_with_visitor(&gpu.pipeline(&kernel)?, &binds, visitor, rays.workgroups.clone());
     Ok(())
 }
 
 /// Ray casting with rays and answers in device memory, recorded into the caller's commands.
-///
-/// `rays` may hold more than `count` rays; those beyond are not cast. With [`Workgroups::Covering`]`(count)` all are; a
-/// kernel that ran before may leave fewer, in workgroups of 64, by [`Workgroups::Indirect`].
 pub trait RaysOnDevice {
-    /// First hit of each ray: `hits[i]` for `rays[i]`, [`HitRecord::MISS`], [`HitRecord::INVALID`] or, on software
+    /// First hit of each ray: `hits[i]` for ray `i`, [`HitRecord::MISS`], [`HitRecord::INVALID`] or, on software
     /// devices that end long loops, [`HitRecord::ABANDONED`] with the largest f32 as t where there is none.
     ///
     /// # Errors
-    /// `LengthMismatch` where a buffer is shorter than `count`; `Unsupported` on devices that end long loops;
-    /// `OutOfDeviceMemory`, `DeviceLost`.
-    fn record_closest(
-        &self,
-        commands: &mut Commands,
-        rays: &Buffer<Ray>,
-        count: usize,
-        workgroups: Workgroups,
-        hits: &Buffer<HitRecord>,
-    ) -> Result<()>;
+    /// `LengthMismatch` where a buffer is shorter than the number of rays that are cast; `Unsupported` on devices that end
+    /// long loops; `OutOfDeviceMemory`, `DeviceLost`.
+    fn record_closest(&self, commands: &mut Commands, rays: &DeviceRays<'_>, hits: &Buffer<HitRecord>) -> Result<()>;
 
     /// As [`RaysOnDevice::record_closest`], with the work of each ray.
     ///
@@ -128,9 +148,7 @@ pub trait RaysOnDevice {
     fn record_closest_with_work(
         &self,
         commands: &mut Commands,
-        rays: &Buffer<Ray>,
-        count: usize,
-        workgroups: Workgroups,
+        rays: &DeviceRays<'_>,
         hits: &Buffer<HitRecord>,
         work: &Buffer<RayWork>,
     ) -> Result<()>;
@@ -140,64 +158,29 @@ pub trait RaysOnDevice {
     ///
     /// # Errors
     /// As [`RaysOnDevice::record_closest`].
-    fn record_any(
-        &self,
-        commands: &mut Commands,
-        rays: &Buffer<Ray>,
-        count: usize,
-        workgroups: Workgroups,
-        states: &Buffer<u32>,
-    ) -> Result<()>;
-}
-
-/// Checks that a buffer has room for `count` elements.
-fn check_length<T: crate::gpu::DeviceElement>(buffer: &Buffer<T>, count: usize) -> Result<()> {
-    if buffer.len() < count {
-        let (found, expected) = (buffer.len() as u64, count as u64);
-        return Err(Error::LengthMismatch { what: buffer.label(), found, expected });
-    }
-    Ok(())
+    fn record_any(&self, commands: &mut Commands, rays: &DeviceRays<'_>, states: &Buffer<u32>) -> Result<()>;
 }
 
 impl<S: GpuRayStructure> RaysOnDevice for S {
-    fn record_closest(
-        &self,
-        commands: &mut Commands,
-        rays: &Buffer<Ray>,
-        count: usize,
-        workgroups: Workgroups,
-        hits: &Buffer<HitRecord>,
-    ) -> Result<()> {
-        check_length(rays, count)?;
-        check_length(hits, count)?;
-        record(commands, self, rays, count, workgroups, &CLOSEST, &[hits.into()])
+    fn record_closest(&self, commands: &mut Commands, rays: &DeviceRays<'_>, hits: &Buffer<HitRecord>) -> Result<()> {
+        rays.check_length(hits)?;
+        record(commands, self, rays, &CLOSEST, &[hits.into()])
     }
 
     fn record_closest_with_work(
         &self,
         commands: &mut Commands,
-        rays: &Buffer<Ray>,
-        count: usize,
-        workgroups: Workgroups,
+        rays: &DeviceRays<'_>,
         hits: &Buffer<HitRecord>,
         work: &Buffer<RayWork>,
     ) -> Result<()> {
-        check_length(rays, count)?;
-        check_length(hits, count)?;
-        check_length(work, count)?;
-        record(commands, self, rays, count, workgroups, &CLOSEST_WITH_WORK, &[hits.into(), work.into()])
+        rays.check_length(hits)?;
+        rays.check_length(work)?;
+        record(commands, self, rays, &CLOSEST_WITH_WORK, &[hits.into(), work.into()])
     }
 
-    fn record_any(
-        &self,
-        commands: &mut Commands,
-        rays: &Buffer<Ray>,
-        count: usize,
-        workgroups: Workgroups,
-        states: &Buffer<u32>,
-    ) -> Result<()> {
-        check_length(rays, count)?;
-        check_length(states, count)?;
-        record(commands, self, rays, count, workgroups, &ANY, &[states.into()])
+    fn record_any(&self, commands: &mut Commands, rays: &DeviceRays<'_>, states: &Buffer<u32>) -> Result<()> {
+        rays.check_length(states)?;
+        record(commands, self, rays, &ANY, &[states.into()])
     }
 }

@@ -48,9 +48,8 @@ impl GpuAabbTree {
         }
         let start = Instant::now();
         let input = gpu.upload("points", &device_points(points, 0))?;
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         let mut tree = AabbTreeBuilder::new(gpu, points.len(), settings)?.build(&input)?;
-        tree.stages.insert(0, BuildStage { name: "upload", milliseconds, on_device: false });
+        tree.stages.insert(0, BuildStage::on_host("upload", start));
         Ok(tree)
     }
 
@@ -73,8 +72,7 @@ impl GpuAabbTree {
         let nodes = gpu.upload("nodes of a tree", &nodes)?;
         let fitter = Fitter::new(gpu, shape, tree.settings().period)?;
         let mut stages = CpuStructure::build_stages(tree).to_vec();
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        stages.push(BuildStage { name: "upload", milliseconds, on_device: false });
+        stages.push(BuildStage::on_host("upload", start));
         Ok(Self::from_parts(gpu, *tree.settings(), shape, in_order, ids, nodes, fitter, stages))
     }
 

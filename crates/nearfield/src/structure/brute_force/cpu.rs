@@ -38,8 +38,7 @@ impl BruteForce {
         let order: Vec<u32> = (0..points.len() as u32).collect();
         let points = OrderedPoints::gather(points, &order);
         let packs = runs(points.len());
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        Ok(Self { points, period, packs, stages: vec![BuildStage { name: "copy", milliseconds, on_device: false }] })
+        Ok(Self { points, period, packs, stages: vec![BuildStage::on_host("copy", start)] })
     }
 }
 

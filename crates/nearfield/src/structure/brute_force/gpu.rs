@@ -60,8 +60,7 @@ impl GpuBruteForce {
         };
         let points = gpu.upload("points", &device_points(points, 0))?;
         let layout = gpu.uniform("brute-force layout", &layout)?;
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        let stages = vec![BuildStage { name: "upload", milliseconds, on_device: false }];
+        let stages = vec![BuildStage::on_host("upload", start)];
         Ok(Self { gpu: gpu.clone(), points, layout, period, stages })
     }
 }

@@ -55,8 +55,7 @@ impl GpuBruteForceMesh {
         let start = Instant::now();
         let buffer = gpu.upload("triangles", triangles.as_slice())?;
         let list = Self::upload_list(gpu, &triangles, false)?;
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        let stages = vec![BuildStage { name: "upload", milliseconds, on_device: false }];
+        let stages = vec![BuildStage::on_host("upload", start)];
         Ok(Self { gpu: gpu.clone(), triangles, buffer, list, only_within_box: false, stages })
     }
 

@@ -56,8 +56,7 @@ impl DenseOctree {
         let mut stages = Vec::new();
         let mut clock = Instant::now();
         let mut stage = |name| {
-            let milliseconds = clock.elapsed().as_secs_f64() * 1e3;
-            stages.push(BuildStage { name, milliseconds, on_device: false });
+            stages.push(BuildStage::on_host(name, clock));
             clock = Instant::now();
         };
         let layout = settings.layout()?;

@@ -54,9 +54,8 @@ impl GpuDenseOctree {
         check_memory(gpu, settings, points.len(), (points.len() * size_of::<DevicePoint>()) as u64)?;
         let domain = settings.domain_of(points)?;
         let input = gpu.upload("points", &device_points(points, 0))?;
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         let mut tree = Self::from_input(gpu, &input, &domain, settings)?;
-        tree.stages.insert(0, BuildStage { name: "upload", milliseconds, on_device: false });
+        tree.stages.insert(0, BuildStage::on_host("upload", start));
         Ok(tree)
     }
 

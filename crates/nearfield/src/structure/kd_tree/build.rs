@@ -127,7 +127,7 @@ impl Builder<'_> {
     fn whole_triangles(&self, space: &RaySpace) -> Result<Vec<Piece>> {
         let mut pieces = with_room(self.triangles.len())?;
         let numbered = self.triangles.iter().enumerate();
-        pieces.extend(numbered.filter(|(_, triangle)| triangle.low != triangle.high).map(|(i, triangle)| {
+        pieces.extend(numbered.filter(|(_, triangle)| triangle.has_area()).map(|(i, triangle)| {
             let Aabb { min, max } = space.widened(&triangle.bounds());
             Piece { min, triangle: i as u32, max }
         }));

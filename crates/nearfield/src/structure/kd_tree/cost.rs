@@ -41,14 +41,14 @@ impl Costs {
     pub(super) fn across(&self, cell: &Aabb, axis: usize) -> Across {
         let [x, y, z] = (cell.max.as_dvec3() - cell.min.as_dvec3()).to_array();
         let (u, v) = [(y, z), (z, x), (x, y)][axis];
-        let pass = self.traversal * 2.0 * (x * y + y * z + z * x);
+        let pass = self.pass(cell);
         let (min, max) = (cell.min[axis], cell.max[axis]);
         Across { test: self.test, empty_share: self.empty_share, pass, min, max, caps: 2.0 * u * v, rim: 2.0 * (u + v) }
     }
 }
 
 /// Surface of a cell.
-fn surface(cell: &Aabb) -> f64 {
+pub(super) fn surface(cell: &Aabb) -> f64 {
     let [x, y, z] = (cell.max.as_dvec3() - cell.min.as_dvec3()).to_array();
     2.0 * (x * y + y * z + z * x)
 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::build::build;
+use super::cost::surface;
 use super::layout::{KdArrays, KdLeaf, KdNode};
 use super::settings::{KdTraversal, KdTreeSettings};
 use super::{ropes, walk_ropes, walk_stack};
@@ -50,7 +51,7 @@ impl KdTree {
         settings.validate()?;
         let start = Instant::now();
         let triangles = PreparedTriangles::new(mesh)?;
-        let prepare = milliseconds("prepare", start);
+        let prepare = BuildStage::on_host("prepare", start);
         let mut tree = Self::of(triangles, settings)?;
         tree.stages.insert(0, prepare);
         Ok(tree)
@@ -66,10 +67,10 @@ impl KdTree {
         let root = triangles.space().widened_bounds();
         let start = Instant::now();
         let mut arrays = build(triangles.as_slice(), triangles.space(), settings)?;
-        let cut = milliseconds("cut", start);
+        let cut = BuildStage::on_host("cut", start);
         let start = Instant::now();
         ropes::link(&mut arrays, root);
-        let stages = vec![cut, milliseconds("ropes", start)];
+        let stages = vec![cut, BuildStage::on_host("ropes", start)];
         Ok(Self { triangles, arrays, root, settings: *settings, traversal: KdTraversal::default(), stages })
     }
 
@@ -116,10 +117,6 @@ impl KdTree {
 
     /// Counts what the tree is made of.
     pub fn stats(&self) -> KdStats {
-        let surface = |cell: &Aabb| {
-            let [x, y, z] = (cell.max.as_dvec3() - cell.min.as_dvec3()).to_array();
-            x * y + y * z + z * x
-        };
         let whole = surface(&self.root);
         let [pass, test] = [self.settings.traversal_cost, self.settings.test_cost].map(f64::from);
         let (mut depth, mut cost) = (0, 0.0);
@@ -153,10 +150,6 @@ impl KdTree {
             }
         }
     }
-}
-
-fn milliseconds(name: &'static str, start: Instant) -> BuildStage {
-    BuildStage { name, milliseconds: start.elapsed().as_secs_f64() * 1e3, on_device: false }
 }
 
 impl RayStructure for KdTree {

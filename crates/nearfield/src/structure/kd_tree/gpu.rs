@@ -58,20 +58,17 @@ impl GpuKdTree {
         let cell = tree.root_cell();
         let root = KdRoot { low: cell.min.to_array(), padding_0: 0, high: cell.max.to_array(), padding_1: 0 };
         let triangles = Arc::clone(tree.triangles());
-        // A tree without triangles in its leaves has no references; there is no buffer of nothing.
-        let references = if tree.references().is_empty() { &[0][..] } else { tree.references() };
         let mut uploaded = Self {
             gpu: gpu.clone(),
             root: gpu.uniform("root of the kd-tree", &root)?,
             triangle_buffer: gpu.upload("triangles", triangles.as_slice())?,
             nodes: gpu.upload("nodes of the kd-tree", tree.nodes())?,
             leaves: gpu.upload("leaves of the kd-tree", tree.leaves())?,
-            references: gpu.upload("references of the kd-tree", references)?,
+            references: gpu.upload("references of the kd-tree", tree.references())?,
             triangles,
             stages: tree.build_stages().to_vec(),
         };
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        uploaded.stages.push(BuildStage { name: "upload", milliseconds, on_device: false });
+        uploaded.stages.push(BuildStage::on_host("upload", start));
         Ok(uploaded)
     }
 }
@@ -107,10 +104,6 @@ impl GpuRayStructure for GpuKdTree {
             (Access::Read, (&self.leaves).into()),
             (Access::Read, (&self.references).into()),
         ]
-    }
-
-    fn fewest_rounds(&self) -> u64 {
-        0
     }
 
     fn build_stages(&self) -> &[BuildStage] {

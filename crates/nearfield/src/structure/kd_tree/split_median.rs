@@ -4,8 +4,7 @@ use crate::geometry::Aabb;
 
 /// Axis and plane; `None` where the cell is too thin for a plane inside.
 pub(super) fn middle_of_longest_side(cell: &Aabb) -> Option<(usize, f32)> {
-    let extent = cell.extent();
-    let axis = (0..3).fold(0, |longest, axis| if extent[axis] > extent[longest] { axis } else { longest });
+    let axis = cell.extent().max_position();
     let split = cell.center()[axis];
     (cell.min[axis] < split && split < cell.max[axis]).then_some((axis, split))
 }

@@ -116,7 +116,7 @@ impl KdTree {
         let references = &self.references()[leaf.references()];
         for (index, triangle) in triangles.iter().enumerate() {
             let is_there = references.binary_search(&(index as u32)).is_ok();
-            if triangle.low == triangle.high {
+            if !triangle.has_area() {
                 if is_there {
                     return Err(format!("5: leaf {i} has triangle {index}, which has no area"));
                 }

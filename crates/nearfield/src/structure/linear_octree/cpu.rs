@@ -44,8 +44,7 @@ impl LinearOctree {
         let mut stages = Vec::new();
         let mut clock = Instant::now();
         let mut stage = |name| {
-            let milliseconds = clock.elapsed().as_secs_f64() * 1e3;
-            stages.push(BuildStage { name, milliseconds, on_device: false });
+            stages.push(BuildStage::on_host(name, clock));
             clock = Instant::now();
         };
         settings.validate()?;

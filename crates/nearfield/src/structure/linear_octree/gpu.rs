@@ -50,10 +50,9 @@ impl GpuLinearOctree {
         let domain = settings.domain_of(points)?;
         let start = Instant::now();
         let input = gpu.upload("points", &device_points(points, 0))?;
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         let settings = OctreeSettings { domain: Some(domain), ..*settings };
         let mut tree = OctreeBuilder::new(gpu, points.len(), &settings)?.build(&input)?;
-        tree.stages.insert(0, BuildStage { name: "upload", milliseconds, on_device: false });
+        tree.stages.insert(0, BuildStage::on_host("upload", start));
         Ok(tree)
     }
 

@@ -89,7 +89,7 @@ impl MovingPoints {
                 self.refit(positions, &mut stages)?;
                 let compare = Instant::now();
                 let measured = self.volumes.largest_ratio(self.tree.boxes(), self.radius);
-                stages.push(stage("volume ratio", compare));
+                stages.push(BuildStage::on_host("volume ratio", compare));
                 RebuildPolicy::after_fit(measured, limit)
             }
         };
@@ -104,7 +104,7 @@ impl MovingPoints {
     fn refit(&mut self, positions: &[Vec3], stages: &mut Vec<BuildStage>) -> Result<()> {
         let start = Instant::now();
         self.tree.refit(positions)?;
-        stages.push(stage("refit", start));
+        stages.push(BuildStage::on_host("refit", start));
         Ok(())
     }
 
@@ -180,8 +180,4 @@ impl MovingPoints {
 
 pub(super) fn milliseconds_since(start: Instant) -> f64 {
     start.elapsed().as_secs_f64() * 1e3
-}
-
-pub(super) fn stage(name: &'static str, start: Instant) -> BuildStage {
-    BuildStage { name, milliseconds: milliseconds_since(start), on_device: false }
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 use glam::Vec3;
 
 use super::cost::Costs;
-use super::cpu::{milliseconds_since, stage};
+use super::cpu::milliseconds_since;
 use super::gpu_volume_ratio::GpuVolumesAtBuild;
 use super::policy::{Decision, RebuildPolicy};
 use super::report::{UpdateAction, UpdateReport};
@@ -102,7 +102,7 @@ impl GpuMovingPoints {
             None => self.gpu.buffer("moved points", n)?,
         };
         let updated = self.gpu.write(&input, 0, &device_points(positions, 0)).and_then(|()| {
-            let upload = stage("upload", start);
+            let upload = BuildStage::on_host("upload", start);
             let mut report = self.update_on_device(&input)?;
             report.stages.insert(0, upload);
             report.milliseconds = milliseconds_since(start);
@@ -162,7 +162,7 @@ impl GpuMovingPoints {
             None => {
                 self.tree.check_moved(positions)?;
                 let points: Vec<Vec3> = self.gpu.read(positions)?.iter().map(|p| Vec3::new(p[0], p[1], p[2])).collect();
-                stages.push(stage("read back", start));
+                stages.push(BuildStage::on_host("read back", start));
                 self.tree = GpuAabbTree::upload(&self.gpu, &AabbTree::build(&points, self.tree.settings())?)?;
             }
         }

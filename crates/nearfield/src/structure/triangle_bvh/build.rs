@@ -42,15 +42,10 @@ impl Primitive {
     }
 }
 
-/// Whether a triangle can be hit at all.
-pub(super) fn has_area(triangle: &PreparedTriangle) -> bool {
-    triangle.low != triangle.high || triangle.low != triangle.middle
-}
-
 /// The triangles that can be hit.
 pub(super) fn primitives(triangles: &PreparedTriangles) -> Vec<Primitive> {
     let space = triangles.space();
-    let primitive = |t: &PreparedTriangle| has_area(t).then(|| Primitive::new(&space.widened(&t.bounds()), t.index));
+    let primitive = |t: &PreparedTriangle| t.has_area().then(|| Primitive::new(&space.widened(&t.bounds()), t.index));
     triangles.as_slice().par_iter().with_min_len(PARALLEL).filter_map(primitive).collect()
 }
 

@@ -4,9 +4,8 @@
 //! i children of a wide node, for i from 1 to 7, follows from those of its halves; going down from the root along the best
 //! choices gives the wide tree.
 
-use glam::Vec3;
-
 use super::build::BinaryNode;
+use super::split::half_area;
 use crate::geometry::Aabb;
 
 /// Children of a wide node.
@@ -70,16 +69,10 @@ impl Plan {
     const NONE: Self = Self { costs: [f32::INFINITY; WIDTH - 1], n_left: [0; WIDTH], is_leaf: false };
 }
 
-/// Half the surface of a box. In f64: squares of f32 coordinates can leave the range of an f32.
-fn half_area(aabb: &Aabb) -> f64 {
-    let [x, y, z] = Vec3::to_array(&(aabb.max - aabb.min)).map(f64::from);
-    x * y + y * z + z * x
-}
-
 /// Collapses a binary tree.
 pub(super) fn collapse(binary: &[BinaryNode], cost: &LeafCost) -> WideTree {
     let mut plans = vec![Plan::NONE; binary.len()];
-    let unit = 1.0 / half_area(&binary[0].bounds);
+    let unit = 1.0 / half_area((binary[0].bounds.max - binary[0].bounds.min).into());
     plan(binary, &mut plans, cost, unit);
     let mut nodes = vec![WideNode::NONE];
     let mut depth = 1;
@@ -111,7 +104,7 @@ pub(super) fn collapse(binary: &[BinaryNode], cost: &LeafCost) -> WideTree {
 
 fn plan(binary: &[BinaryNode], plans: &mut [Plan], cost: &LeafCost, unit: f64) {
     let node = &binary[0];
-    let area = (half_area(&node.bounds) * unit) as f32;
+    let area = (half_area((node.bounds.max - node.bounds.min).into()) * unit) as f32;
     let as_leaf = if node.n <= cost.most { area * (cost.entry + cost.triangle * node.n as f32) } else { f32::INFINITY };
     let (best, below) = plans.split_first_mut().expect("there should be a plan for every subtree");
     if node.n_left == 0 {

@@ -43,17 +43,13 @@ pub(super) fn wide_tree(
         return None;
     }
     let binary: Vec<BinaryNode> = binary_tree(&mut order, settings);
-    host_stage(stages, "split", start);
+    stages.push(BuildStage::on_host("split", start));
     let start = Instant::now();
     let wide = collapse(&binary, cost);
     assert!(wide.depth <= MOST_LEVELS, "a tree should have at most {MOST_LEVELS} levels, not {}", wide.depth);
     let order = order.iter().map(|primitive| primitive.index()).collect();
-    host_stage(stages, "collapse", start);
+    stages.push(BuildStage::on_host("collapse", start));
     Some((order, wide))
-}
-
-pub(super) fn host_stage(stages: &mut Vec<BuildStage>, name: &'static str, start: Instant) {
-    stages.push(BuildStage { name, milliseconds: start.elapsed().as_secs_f64() * 1e3, on_device: false });
 }
 
 /// Checks that there are not more triangles than children can be named.
@@ -82,9 +78,9 @@ impl TriangleBvh {
         settings.validate()?;
         let start = Instant::now();
         let triangles = PreparedTriangles::new(mesh)?;
-        let prepare = start.elapsed().as_secs_f64() * 1e3;
+        let prepare = BuildStage::on_host("prepare", start);
         let mut built = Self::of(triangles, settings)?;
-        built.stages.insert(0, BuildStage { name: "prepare", milliseconds: prepare, on_device: false });
+        built.stages.insert(0, prepare);
         Ok(built)
     }
 
@@ -104,7 +100,7 @@ impl TriangleBvh {
             nodes = wide.nodes.iter().map(|node| Node::new(node, &mut blocks, triangle)).collect();
             blocks.shrink_to_fit();
             depth = wide.depth;
-            host_stage(&mut stages, "lay out", start);
+            stages.push(BuildStage::on_host("lay out", start));
         }
         Ok(Self { triangles, settings: *settings, nodes, blocks, depth, simd: Simd::best(), stages })
     }

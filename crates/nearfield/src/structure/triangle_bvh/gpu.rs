@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::collapse::LeafCost;
 use super::compress::{CompressedNode, LEAF, compress};
-use super::cpu::{check_number, host_stage, wide_tree};
+use super::cpu::{check_number, wide_tree};
 use super::{BvhSettings, TriangleBvh};
 use crate::Result;
 use crate::geometry::{PreparedTriangle, TriMesh};
@@ -40,10 +40,9 @@ impl GpuTriangleBvh {
         settings.validate()?;
         let start = Instant::now();
         let triangles = PreparedTriangles::new(mesh)?;
-        let mut stages = vec![];
-        host_stage(&mut stages, "prepare", start);
+        let prepare = BuildStage::on_host("prepare", start);
         let mut built = Self::of(gpu, triangles, settings)?;
-        built.stages.splice(0..0, stages);
+        built.stages.insert(0, prepare);
         Ok(built)
     }
 
@@ -59,16 +58,12 @@ impl GpuTriangleBvh {
         let wide = wide_tree(&triangles, settings, &cost, &mut stages);
         let depth = wide.as_ref().map_or(0, |(_, wide)| wide.depth);
         let start = Instant::now();
-        let mut compressed = compress(wide, &triangles);
-        host_stage(&mut stages, "compress", start);
-        if compressed.triangles.is_empty() {
-            // No node names it; a buffer is not empty.
-            compressed.triangles.push(triangles.as_slice()[0]);
-        }
+        let compressed = compress(wide, &triangles);
+        stages.push(BuildStage::on_host("compress", start));
         let start = Instant::now();
         let nodes = gpu.upload("nodes of a BVH", &compressed.nodes)?;
         let in_order = gpu.upload("triangles of a BVH", &compressed.triangles)?;
-        host_stage(&mut stages, "upload", start);
+        stages.push(BuildStage::on_host("upload", start));
         Ok(Self { gpu: gpu.clone(), triangles, settings: *settings, nodes, in_order, depth, stages })
     }
 
@@ -101,11 +96,8 @@ impl GpuTriangleBvh {
     /// # Errors
     /// `OutOfDeviceMemory`, `OutOfMemory`, `DeviceLost`.
     pub fn broken_invariant(&self) -> Result<Option<String>> {
-        let mut triangles = self.gpu.read(&self.in_order)?;
-        if self.depth == 0 {
-            triangles.clear();
-        }
-        let read = super::compress::Compressed { nodes: self.gpu.read(&self.nodes)?, triangles };
+        let (nodes, triangles) = (self.gpu.read(&self.nodes)?, self.gpu.read(&self.in_order)?);
+        let read = super::compress::Compressed { nodes, triangles };
         Ok(read.broken_invariant(&self.triangles))
     }
 }
@@ -135,10 +127,6 @@ impl GpuRayStructure for GpuTriangleBvh {
 
     fn bindings(&self) -> Vec<(Access, Bind)> {
         vec![(Access::Read, (&self.nodes).into()), (Access::Read, (&self.in_order).into())]
-    }
-
-    fn fewest_rounds(&self) -> u64 {
-        0
     }
 
     fn build_stages(&self) -> &[BuildStage] {

@@ -5,12 +5,9 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::TriangleBvh;
-use super::build::has_area;
-use super::cpu::host_stage;
 use super::layout::{Block, Node};
-use super::settings::BLOCK;
 use crate::geometry::{Aabb, RaySpace, TriMesh};
-use crate::structure::PreparedTriangles;
+use crate::structure::{BuildStage, PreparedTriangles};
 use crate::{Error, Result};
 
 /// Leaves that a thread takes at once.
@@ -32,7 +29,7 @@ impl TriangleBvh {
         let start = Instant::now();
         let triangles = PreparedTriangles::new(moved)?;
         let mut stages = vec![];
-        host_stage(&mut stages, "prepare", start);
+        stages.push(BuildStage::on_host("prepare", start));
         let in_tree: usize = self.blocks.iter().map(Block::len).sum();
         if in_tree < triangles.len() && self.has_newcomers(&triangles) {
             let mut built = Self::of(triangles, &self.settings)?;
@@ -58,7 +55,7 @@ impl TriangleBvh {
             }
         }
         self.triangles = triangles;
-        host_stage(&mut stages, "fit", start);
+        stages.push(BuildStage::on_host("fit", start));
         self.stages = stages;
         Ok(())
     }
@@ -69,7 +66,7 @@ impl TriangleBvh {
         for block in &self.blocks {
             block.indices[..block.len()].iter().for_each(|&index| is_inside[index as usize] = true);
         }
-        triangles.as_slice().iter().zip(is_inside).any(|(triangle, is_inside)| !is_inside && has_area(triangle))
+        triangles.as_slice().iter().zip(is_inside).any(|(triangle, is_inside)| !is_inside && triangle.has_area())
     }
 }
 
@@ -83,5 +80,5 @@ fn follow(block: &mut Block, triangles: &PreparedTriangles) -> Aabb {
 
 /// The union of the widened boxes of a leaf's triangles.
 pub(super) fn bounds_of(block: &Block, space: &RaySpace) -> Aabb {
-    (0..block.len().min(BLOCK)).fold(Aabb::EMPTY, |all, lane| all.union(space.widened(&block.triangle(lane).bounds())))
+    (0..block.len()).fold(Aabb::EMPTY, |all, lane| all.union(space.widened(&block.triangle(lane).bounds())))
 }

@@ -77,7 +77,8 @@ impl Filled {
     }
 }
 
-fn half_area(extent: Vec3A) -> f64 {
+/// Half the surface of a box.
+pub(super) fn half_area(extent: Vec3A) -> f64 {
     let [x, y, z] = extent.to_array().map(f64::from);
     x * y + y * z + z * x
 }

@@ -1,6 +1,5 @@
 //! The invariants of the hierarchy as code; the numbers are those of the module's page.
 
-use super::build::has_area;
 use super::refit::bounds_of;
 use super::settings::BLOCK;
 use super::{MOST_LEVELS, TriangleBvh};
@@ -30,7 +29,7 @@ impl TriangleBvh {
                 }
             }
         }
-        let mut missing = triangles.iter().zip(&seen).filter(|(triangle, seen)| has_area(triangle) && !**seen);
+        let mut missing = triangles.iter().zip(&seen).filter(|(triangle, seen)| triangle.has_area() && !**seen);
         missing.next().map(|(triangle, _)| format!("1: triangle {} is in no leaf", triangle.index))
     }
 

@@ -42,9 +42,8 @@ impl GpuUniformGrid {
         let start = Instant::now();
         let bounds = settings.bounds_of(points);
         let input = gpu.upload("points", &device_points(points, 0))?;
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         let mut grid = Self::build_on_device(gpu, &input, &bounds, settings)?;
-        grid.stages.insert(0, BuildStage { name: "upload", milliseconds, on_device: false });
+        grid.stages.insert(0, BuildStage::on_host("upload", start));
         Ok(grid)
     }
 

@@ -53,8 +53,8 @@ use super::light::{Environment, PointLight};
 use super::material::{Material, Surface};
 use super::scene::{FIELD_OF_VIEW, Scene};
 use crate::error::{FileError, Place};
-use crate::geometry::{PointCloud, TriMesh};
-use crate::io::{Format, read_mesh, read_obj_materials};
+use crate::geometry::TriMesh;
+use crate::io::{Format, mesh_from_world, read_mesh, read_obj_materials, with_path};
 use crate::{Error, Result};
 use layout::{Kind, MaterialEntry, MeshEntry, SceneEntries};
 
@@ -73,15 +73,8 @@ pub fn read_scene(path: &Path, width: u32, height: u32) -> Result<Scene> {
     let is_scene = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"));
     if is_scene {
         let text = std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-        return parse_scene(&text, path.parent().unwrap_or(Path::new("")), width, height).map_err(
-            |error| match error {
-                Error::File(mut file) if file.path.is_none() => {
-                    file.path = Some(path.to_owned());
-                    Error::File(file)
-                }
-                other => other,
-            },
-        );
+        let folder = path.parent().unwrap_or(Path::new(""));
+        return parse_scene(&text, folder, width, height).map_err(|error| with_path(error, path));
     }
     let part = read_part(path)?;
     let scene = Scene {
@@ -142,9 +135,8 @@ pub fn parse_scene(text: &str, folder: &Path, width: u32, height: u32) -> Result
             }
         }
     }
-    let cloud = PointCloud::from_world(&vertices);
-    let origin = cloud.origin;
-    let mesh = TriMesh { origin, vertices: cloud.points, triangles, ..TriMesh::default() };
+    let mesh = mesh_from_world(&vertices, triangles);
+    let origin = mesh.origin;
     let lights: Vec<PointLight> = entries
         .light
         .iter()

@@ -106,3 +106,26 @@ fn malformed_scenes_say_where_and_what() {
     }
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+/// The mean of a mesh's normals, each times its triangle's area and its place, is the volume inside: negative where the
+/// outside is in.
+#[test]
+fn mirror_images_keep_their_outside() {
+    let folder = folder("mirror");
+    let ball = crate::geometry::generate::mesh(crate::geometry::generate::MeshKind::Icosphere, 80, 0);
+    let corners = ball.vertices.iter().map(|v| format!("v {} {} {}\n", v.x, v.y, v.z));
+    let faces = ball.triangles.iter().map(|[a, b, c]| format!("f {} {} {}\n", a + 1, b + 1, c + 1));
+    std::fs::write(folder.join("ball.obj"), corners.chain(faces).collect::<String>()).unwrap();
+    let volume = |scale: &str| {
+        let text = format!("[[mesh]]\nfile = \"ball.obj\"\nscale = {scale}\n");
+        let mesh = parse_scene(&text, &folder, 10, 10).unwrap().mesh;
+        (0..mesh.triangles.len()).map(|i| mesh.triangle(i)).map(|t| t.scaled_normal().dot(t.centroid())).sum::<f32>()
+            / 6.0
+    };
+    let [plain, mirrored, twice] = ["2.0", "[-2.0, 2.0, 2.0]", "[-2.0, -2.0, 2.0]"].map(volume);
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(
+        plain > 25.0 && (mirrored - plain).abs() < 0.1 && (twice - plain).abs() < 0.1,
+        "{plain} {mirrored} {twice}"
+    );
+}

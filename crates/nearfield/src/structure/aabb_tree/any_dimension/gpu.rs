@@ -84,9 +84,8 @@ impl GpuAabbTreeN {
             boxes: gpu.upload("boxes of the tree", &rows_of(&corners))?,
             stages: Vec::new(),
         };
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         let mut stages = tree.build_stages().to_vec();
-        stages.push(BuildStage { name: "upload", milliseconds, on_device: false });
+        stages.push(BuildStage::on_host("upload", start));
         Ok(Self { stages, ..made })
     }
 

@@ -55,16 +55,11 @@ impl<T: Scalar, const D: usize> AabbTreeN<T, D> {
         let ordered = PointsN::gather(points, order);
         let boxes = vec![BoxN::EMPTY; shape.n_nodes()];
         let mut tree = Self { settings: *settings, shape, points: ordered, boxes, stages: Vec::new() };
-        tree.stage("order", start);
+        tree.stages.push(BuildStage::on_host("order", start));
         let start = Instant::now();
         tree.fit();
-        tree.stage("fit", start);
+        tree.stages.push(BuildStage::on_host("fit", start));
         Ok(tree)
-    }
-
-    fn stage(&mut self, name: &'static str, start: Instant) {
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        self.stages.push(BuildStage { name, milliseconds, on_device: false });
     }
 
     /// The tree of parts that were made elsewhere.
