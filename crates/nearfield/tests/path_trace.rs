@@ -1,6 +1,9 @@
 //! The path tracer against what is known of light: furnaces that must not change it, an independent tracer of the
 //! Cornell box, and the same picture whatever the number of threads, the structure and the way of sampling.
 
+#[path = "support/scenes.rs"]
+mod scenes;
+
 use nearfield::application::{EnvironmentImage, PathCounters, PointLight};
 use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::{
@@ -8,6 +11,7 @@ use nearfield::{
     PathSettings, PathTracer, Ray, RaySearch, Scene, Surface, TriMesh, TriangleBvh,
 };
 use nearfield::{DVec3, Vec3};
+use scenes::everything;
 
 fn render(scene: &Scene, settings: PathSettings, width: u32, height: u32, samples: u32) -> (Film, PathCounters) {
     let structure = BruteForceMesh::build(&scene.mesh).unwrap();
@@ -222,26 +226,6 @@ fn the_reference_of_the_cornell_box() {
     let (mean, error) = cornell_by_reference(10, 60_000_000, [1, 1 << 60]);
     println!("({mean:.7}, {error:.7})");
     assert!((mean - CORNELL.0).abs() < 1e-7);
-}
-
-/// The Cornell box with a block of each kind, a point light and a sky: everything at once.
-fn everything() -> Scene {
-    let mut scene = Scene::cornell_box();
-    let first = scene.materials.len() as u32;
-    scene.materials.extend([
-        Material::new(Surface::Ggx { color: Vec3::new(0.9, 0.6, 0.3), metallic: 1.0, roughness: 0.4 }),
-        Material::new(Surface::Dielectric { ior: 1.5, tint: Vec3::new(0.9, 1.0, 0.95) }),
-        Material::new(Surface::Mirror { reflectance: Vec3::splat(0.9) }),
-        Material::new(Surface::Ggx { color: Vec3::new(0.2, 0.3, 0.8), metallic: 0.0, roughness: 0.3 }),
-    ]);
-    let n = scene.material_of.len();
-    scene.material_of[n - 20..n - 10].fill(first);
-    scene.material_of[n - 10..].fill(first + 1);
-    scene.material_of[6..8].fill(first + 2);
-    scene.material_of[0..2].fill(first + 3);
-    let texels = (0..32).map(|i| Vec3::new(0.3, 0.5, 1.0) * if i % 5 == 0 { 3.0 } else { 0.2 }).collect();
-    scene.environment = Environment::Image(EnvironmentImage { width: 8, height: 4, texels });
-    scene
 }
 
 #[test]

@@ -1,14 +1,16 @@
 //! The path tracer of the device against that of the CPU: the same samples, the same picture up to rounding.
 
+#[path = "support/scenes.rs"]
+mod scenes;
 mod support;
 
 use libtest_mimic::{Arguments, Trial};
-use nearfield::application::{EnvironmentImage, PointLight};
+use nearfield::application::PointLight;
 use nearfield::gpu::Gpu;
 use nearfield::structure::GpuRayStructure;
 use nearfield::{
-    BruteForceMesh, BvhSettings, Environment, Film, GpuBruteForceMesh, GpuKdTree, GpuPathTracer, GpuTriangleBvh,
-    KdTreeSettings, Material, PathSettings, PathTracer, Scene, Surface, Vec3,
+    BruteForceMesh, BvhSettings, Film, GpuBruteForceMesh, GpuKdTree, GpuPathTracer, GpuTriangleBvh, KdTreeSettings,
+    PathSettings, PathTracer, Scene, Vec3,
 };
 use support::gpu_trial;
 
@@ -17,24 +19,9 @@ const SAMPLES: u32 = 4;
 
 /// Every material and every kind of light.
 fn everything() -> Scene {
-    let mut scene = Scene::cornell_box();
-    let first = scene.materials.len() as u32;
-    scene.materials.extend([
-        Material::new(Surface::Ggx { color: Vec3::new(0.9, 0.6, 0.3), metallic: 1.0, roughness: 0.4 }),
-        Material::new(Surface::Dielectric { ior: 1.5, tint: Vec3::new(0.9, 1.0, 0.95) }),
-        Material::new(Surface::Mirror { reflectance: Vec3::splat(0.9) }),
-        Material::new(Surface::Ggx { color: Vec3::new(0.2, 0.3, 0.8), metallic: 0.0, roughness: 0.3 }),
-    ]);
-    let n = scene.material_of.len();
-    scene.material_of[n - 20..n - 10].fill(first);
-    scene.material_of[n - 10..].fill(first + 1);
-    scene.material_of[6..8].fill(first + 2);
-    scene.material_of[0..2].fill(first + 3);
-    let texels = (0..32).map(|i| Vec3::new(0.3, 0.5, 1.0) * if i % 5 == 0 { 3.0 } else { 0.2 }).collect();
-    scene.environment = Environment::Image(EnvironmentImage { width: 8, height: 4, texels });
     let position = Vec3::new(400.0, 300.0, 100.0);
-    scene.lights = vec![PointLight { position, intensity: Vec3::new(2e4, 4e4, 4e4) }];
-    scene
+    let lights = vec![PointLight { position, intensity: Vec3::new(2e4, 4e4, 4e4) }];
+    Scene { lights, ..scenes::everything() }
 }
 
 fn on_cpu(scene: &Scene, settings: PathSettings, samples: u32) -> Film {

@@ -1,7 +1,5 @@
 //! The named clouds that every structure on every device must search without a mistake.
 
-use std::path::PathBuf;
-
 use nearfield::Vec3;
 use nearfield::geometry::generate::{self, CloudKind, MeshKind};
 
@@ -134,19 +132,13 @@ pub(crate) fn all() -> impl Iterator<Item = &'static Named> {
     CASES.iter().chain(SCANS)
 }
 
-/// The folder of real data: `NEARFIELD_DATA`, or beside the repository.
-pub(crate) fn data_folder() -> PathBuf {
-    let beside = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    std::env::var_os("NEARFIELD_DATA").map_or_else(beside, PathBuf::from)
-}
-
 /// At most this many points of a scan.
 #[cfg(feature = "io")]
 const SCAN_POINTS: usize = 6000;
 
 #[cfg(feature = "io")]
 fn scan(file: &str, radius: f32) -> Case {
-    let path = data_folder().join(file);
+    let path = crate::support::data_folder().join(file);
     let cloud = nearfield::io::read_cloud(&path, None).expect("real data should be readable");
     let step = cloud.len().div_ceil(SCAN_POINTS);
     Case::new(cloud.points.into_iter().step_by(step).collect(), radius)

@@ -73,7 +73,7 @@ fn trial_on(subject: &Subject, name: String, check: impl FnOnce() -> Verdict + S
 fn case_trials() -> Vec<Trial> {
     let mut trials = vec![];
     for (number, named) in cases::all().enumerate() {
-        let missing = named.file.is_some_and(|file| !cases::data_folder().join(file).exists());
+        let missing = named.file.is_some_and(|file| !support::data_folder().join(file).exists());
         if missing {
             eprintln!("{} is skipped: no {}", named.name, named.file.unwrap_or_default());
         }

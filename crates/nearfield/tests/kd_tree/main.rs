@@ -8,12 +8,13 @@ mod support;
 use std::sync::Arc;
 
 use libtest_mimic::{Arguments, Trial};
-use meshes::{Random, meshes, rays};
+use meshes::{in_cube, meshes, rays};
 use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::{
     BruteForceMesh, Error, KdBuild, KdTraversal, KdTree, KdTreeSettings, PreparedTriangles, Ray, RaySearch, TriMesh,
     Vec3,
 };
+use support::Random;
 
 const BUILDS: [KdTreeSettings; 4] = [
     KdTreeSettings::spatial_median(4),
@@ -72,8 +73,8 @@ fn both_walks_test_the_same_triangles() {
     let mut random = Random(9);
     let rays: Vec<Ray> = (0..RAYS)
         .map(|_| {
-            let from = 2.0 * random.in_cube();
-            Ray::new(from, 0.5 * (random.in_cube() + 1.0) - from)
+            let from = 2.0 * in_cube(&mut random);
+            Ray::new(from, 0.5 * (in_cube(&mut random) + 1.0) - from)
         })
         .collect();
     let work = |traversal| tree.clone().with_traversal(traversal).closest_hits_with_work(&rays).unwrap().1;
@@ -106,7 +107,7 @@ fn memory_is_bounded_and_the_answers_stay() {
     let one_leaf = 72 + 4 * 2000;
     let rays: Vec<Ray> = {
         let mut random = Random(1);
-        (0..500).map(|_| Ray::new(random.in_cube() * 3.0, random.in_cube())).collect()
+        (0..500).map(|_| Ray::new(in_cube(&mut random) * 3.0, in_cube(&mut random))).collect()
     };
     let expected = BruteForceMesh::of(Arc::clone(&triangles)).closest_hits(&rays).unwrap();
     for settings in BUILDS {

@@ -3,27 +3,11 @@
 use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::{KdTree, Ray, TriMesh, Vec3};
 
-/// PCG, for rays and meshes of the tests.
-pub(crate) struct Random(pub(crate) u32);
+use crate::support::Random;
 
-impl Random {
-    fn next(&mut self) -> u32 {
-        self.0 = self.0.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-        let word = ((self.0 >> ((self.0 >> 28) + 4)) ^ self.0).wrapping_mul(277_803_737);
-        (word >> 22) ^ word
-    }
-
-    pub(crate) fn unit(&mut self) -> f32 {
-        (self.next() >> 8) as f32 / (1 << 24) as f32
-    }
-
-    pub(crate) fn below(&mut self, n: usize) -> usize {
-        self.next() as usize % n
-    }
-
-    pub(crate) fn in_cube(&mut self) -> Vec3 {
-        2.0 * Vec3::new(self.unit(), self.unit(), self.unit()) - 1.0
-    }
+/// A place in the cube from −1 to 1.
+pub(crate) fn in_cube(random: &mut Random) -> Vec3 {
+    2.0 * Vec3::new(random.unit(), random.unit(), random.unit()) - 1.0
 }
 
 fn of_corners(corners: Vec<Vec3>) -> TriMesh {
@@ -36,8 +20,8 @@ fn slivers() -> TriMesh {
     let mut random = Random(3);
     let mut corners = Vec::new();
     for _ in 0..120 {
-        let (a, b) = (random.in_cube(), random.in_cube());
-        corners.extend([a, b, b + 1e-4 * random.in_cube()]);
+        let (a, b) = (in_cube(&mut random), in_cube(&mut random));
+        corners.extend([a, b, b + 1e-4 * in_cube(&mut random)]);
     }
     of_corners(corners)
 }
@@ -108,11 +92,11 @@ pub(crate) fn rays(mesh: &TriMesh, tree: &KdTree, n: usize) -> Vec<Ray> {
     let inner: Vec<_> = tree.nodes().iter().filter(|node| !node.is_leaf()).collect();
     (0..n)
         .map(|i| {
-            let triangle = mesh.triangle(random.below(mesh.triangles.len()));
+            let triangle = mesh.triangle(random.below(mesh.triangles.len() as u32) as usize);
             let corners = [triangle.a, triangle.b, triangle.c];
-            let place = center + 1.5 * reach * random.in_cube();
-            let mut direction = random.in_cube();
-            let mut axis = axes[random.below(3)];
+            let place = center + 1.5 * reach * in_cube(&mut random);
+            let mut direction = in_cube(&mut random);
+            let mut axis = axes[random.below(3) as usize];
             if random.below(2) == 0 {
                 axis = -axis;
             }
@@ -132,7 +116,7 @@ pub(crate) fn rays(mesh: &TriMesh, tree: &KdTree, n: usize) -> Vec<Ray> {
                 6 => Ray::new(center + 40.0 * reach * direction, -direction),
                 7 if !inner.is_empty() => {
                     // In a plane of the tree, along it or not.
-                    let node = inner[random.below(inner.len())];
+                    let node = inner[random.below(inner.len() as u32) as usize];
                     let mut from = place;
                     from[node.axis()] = node.split;
                     if random.below(2) == 0 {
@@ -143,7 +127,10 @@ pub(crate) fn rays(mesh: &TriMesh, tree: &KdTree, n: usize) -> Vec<Ray> {
                 8 if !tree.leaves().is_empty() => {
                     // Through corners of two leaves.
                     let leaves = tree.leaves();
-                    let (a, b) = (leaves[random.below(leaves.len())], leaves[random.below(leaves.len())]);
+                    let (a, b) = (
+                        leaves[random.below(leaves.len() as u32) as usize],
+                        leaves[random.below(leaves.len() as u32) as usize],
+                    );
                     Ray::new(a.min, b.max - a.min)
                 }
                 _ => Ray::new(corner, next - corner),

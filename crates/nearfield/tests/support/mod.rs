@@ -7,6 +7,7 @@
 
 #![allow(dead_code, reason = "no test uses all of it")]
 
+use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use libtest_mimic::{Failed, Trial};
@@ -57,7 +58,7 @@ pub(crate) fn trial(name: impl Into<String>, test: impl FnOnce() + Send + 'stati
 
 /// Whether cases that take a software adapter minutes are to run.
 pub(crate) fn long_cases(gpu: &Gpu) -> bool {
-    gpu.kind() != AdapterKind::Software || std::env::var_os("NEARFIELD_LONG").is_some_and(|v| v == "1")
+    gpu.kind() != AdapterKind::Software || is_long()
 }
 
 /// Whether cases that take minutes are asked for on any device.
@@ -65,12 +66,15 @@ pub(crate) fn is_long() -> bool {
     std::env::var_os("NEARFIELD_LONG").is_some_and(|v| v == "1")
 }
 
-/// A file of the test data: in the folder `NEARFIELD_DATA`, else `../shared/data` beside the repository; `None` where it
-/// is not there.
-pub(crate) fn data_file(name: &str) -> Option<std::path::PathBuf> {
-    let beside = || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let folder = std::env::var_os("NEARFIELD_DATA").map_or_else(beside, Into::into);
-    Some(folder.join(name)).filter(|path| path.is_file())
+/// The folder of real data: `NEARFIELD_DATA`, or `../shared/data` beside the repository.
+pub(crate) fn data_folder() -> PathBuf {
+    let beside = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    std::env::var_os("NEARFIELD_DATA").map_or_else(beside, PathBuf::from)
+}
+
+/// A file of the real data; `None` where it is not there.
+pub(crate) fn data_file(name: &str) -> Option<PathBuf> {
+    Some(data_folder().join(name)).filter(|path| path.is_file())
 }
 
 /// Reproducible random numbers (SplitMix64).
