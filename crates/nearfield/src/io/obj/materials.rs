@@ -1,7 +1,8 @@
 //! Material files (MTL) beside an OBJ file: the numbers of each material, and the material of each triangle.
 //!
 //! `Kd`, `Ks`, `Ke`, `Ns`, `Ni`, `d`, `Tr` and `illum` are read; maps and everything else are passed over. Keys are
-//! taken in any case.
+//! taken in any case. Colours are red, green and blue, one number for all three, or `xyz` with CIE coordinates; a colour
+//! from a `spectral` curve is not taken, and that becomes a note.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -35,6 +36,8 @@ pub struct MtlMaterial {
     pub opacity: f32,
     /// `illum`: number of the illumination model; `None` where it is not said.
     pub model: Option<u32>,
+    /// Lines that are understood and not taken, in words: colours from a `spectral` curve.
+    pub notes: Vec<String>,
 }
 
 impl MtlMaterial {
@@ -48,6 +51,16 @@ impl MtlMaterial {
             ior: None,
             opacity: 1.0,
             model: None,
+            notes: vec![],
+        }
+    }
+
+    /// The colour behind `kd`, `ks` or `ke`.
+    fn color_mut(&mut self, key: &[u8]) -> &mut Vec3 {
+        match key {
+            b"kd" => &mut self.diffuse,
+            b"ks" => &mut self.specular,
+            _ => &mut self.emission,
         }
     }
 }
@@ -61,9 +74,18 @@ pub struct MeshMaterials {
     pub material_of: Vec<Option<u32>>,
 }
 
+impl MeshMaterials {
+    /// What the files say of these materials and is not taken, in words; see [`MtlMaterial::notes`].
+    pub fn notes(&self) -> impl Iterator<Item = &str> {
+        self.materials.iter().flat_map(|material| &material.notes).map(String::as_str)
+    }
+}
+
 /// Reads an OBJ file with the materials of its triangles.
 ///
-/// Material files lie beside it. A file without an `mtllib` line has no materials, whatever names its triangles use.
+/// Material files lie beside it. An `mtllib` line names one file, whose name may have blanks, where a file of that name is
+/// there; else, as the format says, several files with blanks between them. Of materials of one name the first counts. A
+/// file without an `mtllib` line has no materials, whatever names its triangles use.
 ///
 /// # Errors
 /// As [`crate::io::read_mesh`]; `Io` that names the material file that cannot be read; `File` with the line where a
@@ -77,10 +99,12 @@ pub fn read_obj_materials(path: &Path) -> Result<(TriMesh, MeshMaterials)> {
     }
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut found = HashMap::new();
-    for library in &named.libraries {
-        let library = folder.join(PathBuf::from(library.replace('\\', "/")));
+    for library in named.libraries.iter().flat_map(|line| library_files(folder, line)) {
         let materials = parse_mtl(&contents(&library)?).map_err(|error| with_path(error, &library))?;
-        for material in materials {
+        for mut material in materials {
+            for note in &mut material.notes {
+                *note = format!("{}{note}", library.display());
+            }
             // The first definition of a name counts.
             found.entry(material.name.clone()).or_insert(material);
         }
@@ -99,7 +123,20 @@ pub fn read_obj_materials(path: &Path) -> Result<(TriMesh, MeshMaterials)> {
     Ok((mesh, MeshMaterials { materials, material_of }))
 }
 
+/// The files that an `mtllib` line names. Where none of its words is a file, the line is one name, so that the error shows
+/// it whole.
+fn library_files(folder: &Path, line: &str) -> Vec<PathBuf> {
+    let file = |name: &str| folder.join(PathBuf::from(name.replace('\\', "/")));
+    let whole = file(line);
+    let words: Vec<PathBuf> = line.split_whitespace().map(file).collect();
+    if whole.is_file() || !words.iter().any(|word| word.is_file()) { vec![whole] } else { words }
+}
+
 /// Reads the materials of an MTL file, in its order.
+///
+/// A colour as CIE coordinates (`Kd xyz 0.3 0.4 0.5`; y and z are x where they are missing) becomes linear sRGB, whose
+/// channels may lie outside 0 … 1. A colour from a curve (`Kd spectral file.rfl`) is not taken: the material keeps the
+/// colour it has, and a note says so.
 ///
 /// # Errors
 /// `File` with the line: a value before the first `newmtl`, a number that is none, a color without three of them.
@@ -121,9 +158,17 @@ pub fn parse_mtl(bytes: &[u8]) -> Result<Vec<MtlMaterial>> {
             return Err(FileError::new(NAME, Place::Line(line), shown(key), "a newmtl line before it").into());
         };
         match &lower[..] {
-            b"kd" => material.diffuse = color(line, &mut rest)?,
-            b"ks" => material.specular = color(line, &mut rest)?,
-            b"ke" => material.emission = color(line, &mut rest)?,
+            b"kd" | b"ks" | b"ke" => match color(line, &mut rest)? {
+                Some(color) => *material.color_mut(&lower) = color,
+                None => {
+                    let Vec3 { x, y, z } = *material.color_mut(&lower);
+                    let statement = String::from_utf8_lossy(text.trim_ascii());
+                    let why = "spectral curves are not read; write red, green and blue in its place";
+                    let name = &material.name;
+                    let note = format!(":{line}: {statement} of material {name:?} is left at {x} {y} {z}: {why}");
+                    material.notes.push(note);
+                }
+            },
             b"ns" => material.shininess = Some(value(line, &mut rest)?),
             b"ni" => material.ior = Some(value(line, &mut rest)?),
             b"d" => {
@@ -152,8 +197,30 @@ fn value<'a>(line: u64, rest: &mut impl Iterator<Item = &'a [u8]>) -> Result<f32
     Ok(value as f32)
 }
 
-/// Three numbers, or one for all three.
-fn color<'a>(line: u64, rest: &mut impl Iterator<Item = &'a [u8]>) -> Result<Vec3> {
+/// Three numbers, or one for all three, red, green and blue or behind `xyz` CIE coordinates; `None` for a `spectral` curve.
+fn color<'a>(line: u64, rest: &mut impl Iterator<Item = &'a [u8]>) -> Result<Option<Vec3>> {
+    let mut rest = rest.peekable();
+    let word = rest.peek().map(|word| word.to_ascii_lowercase());
+    match word.as_deref() {
+        Some(b"spectral") => Ok(None),
+        Some(b"xyz") => {
+            rest.next();
+            Ok(Some(srgb_of_xyz(three_or_one(line, &mut rest)?)))
+        }
+        _ => three_or_one(line, &mut rest).map(Some),
+    }
+}
+
+/// Linear sRGB of CIE coordinates (IEC 61966-2-1).
+fn srgb_of_xyz(xyz: Vec3) -> Vec3 {
+    Vec3::new(
+        xyz.dot(Vec3::new(3.2406, -1.5372, -0.4986)),
+        xyz.dot(Vec3::new(-0.9689, 1.8758, 0.0415)),
+        xyz.dot(Vec3::new(0.0557, -0.2040, 1.0570)),
+    )
+}
+
+fn three_or_one<'a>(line: u64, rest: &mut impl Iterator<Item = &'a [u8]>) -> Result<Vec3> {
     let values: Vec<&[u8]> = rest.take(3).collect();
     let channel = |i: usize| value(line, &mut std::iter::once(values[i]));
     match values.len() {
@@ -198,6 +265,8 @@ mod tests {
             ("newmtl a\n\nNs x\n", ["MTL", ":3", "x"]),
             ("newmtl a\nKe nan 0 0\n", ["MTL", ":2", "finite"]),
             ("newmtl a\nillum -1\n", ["MTL", ":2", "-1"]),
+            ("newmtl a\nKd xyz 1 1\n", ["MTL", ":2", "2 numbers"]),
+            ("newmtl a\nKd xyz red\n", ["MTL", ":2", "red"]),
         ] {
             let message = parse_mtl(text.as_bytes()).unwrap_err().to_string();
             for word in words {
@@ -232,5 +301,48 @@ mod tests {
         let message = read_obj_materials(&other).unwrap_err().to_string();
         assert!(message.contains("other.obj:9") && message.contains("cold lamp"), "{message}");
         std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_library_line_is_one_name_with_blanks_or_several_names() {
+        let folder = std::env::temp_dir().join(format!("nearfield-mtllib-{}", std::process::id()));
+        std::fs::create_dir_all(folder.join("sub")).unwrap();
+        let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+        let mesh = |line: &str| {
+            write("mesh.obj", &format!("mtllib {line}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl b\nf 1 2 3\n"));
+            read_obj_materials(&folder.join("mesh.obj"))
+        };
+        let red = |line: &str| mesh(line).unwrap().1.materials[0].diffuse.x;
+        write("a.mtl", "newmtl a\nKd 0.1\n");
+        write("sub/b.mtl", "newmtl b\nKd 0.25\n");
+        write("c.mtl", "newmtl b\nKd 0.75\n");
+        assert_eq!(red("a.mtl sub\\b.mtl"), 0.25);
+        assert_eq!(red("a.mtl\tsub/b.mtl  c.mtl"), 0.25, "the first definition counts");
+        assert_eq!(red("c.mtl sub/b.mtl"), 0.75);
+        // The whole line is the name of a file.
+        write("a.mtl c.mtl", "newmtl b\nKd 0.5\n");
+        assert_eq!(red("a.mtl c.mtl"), 0.5);
+        let lost = |line: &str| mesh(line).unwrap_err().to_string();
+        assert!(lost("a.mtl lost.mtl").contains("lost.mtl") && !lost("a.mtl lost.mtl").contains("a.mtl lost.mtl"));
+        assert!(lost("no such.mtl").contains("no such.mtl"));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn cie_colors_become_red_green_and_blue_and_spectral_curves_a_note() {
+        let mtl = b"newmtl a\nKd xyz 0.9505 1 1.089\nKe XYZ 0.5\nKs 0.25\nks spectral gold.rfl 2 # shiny\nNs 5\nnewmtl b\nKd spectral red.rfl\n";
+        let materials = parse_mtl(mtl).unwrap();
+        // The white of sRGB.
+        assert!((materials[0].diffuse - Vec3::ONE).abs().max_element() < 1e-3, "{}", materials[0].diffuse);
+        let grey = srgb_of_xyz(Vec3::splat(0.5));
+        assert_eq!((materials[0].emission, materials[0].specular), (grey, Vec3::splat(0.25)));
+        assert_eq!(materials[0].shininess, Some(5.0));
+        assert_eq!(materials[1].diffuse, Vec3::splat(0.8));
+        let notes = [&materials[0].notes, &materials[1].notes].map(|notes| notes.join("\n"));
+        for (note, words) in
+            notes.iter().zip([[":5:", "gold.rfl", "\"a\"", "0.25"], [":8:", "red.rfl", "\"b\"", "0.8"]])
+        {
+            assert!(words.iter().all(|word| note.contains(word)), "{note}");
+        }
     }
 }
