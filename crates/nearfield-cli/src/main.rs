@@ -36,6 +36,7 @@ mod raycast;
 mod raycast_file;
 mod render;
 mod render_picture;
+mod render_scene;
 mod report;
 mod sort;
 mod sort_picture;

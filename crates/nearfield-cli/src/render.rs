@@ -6,30 +6,56 @@ use std::time::Instant;
 
 use clap::Args;
 use nearfield::RaySearch;
-use nearfield::application::{
-    Film, GpuPathTracer, Material, PathCounters, PathSettings, PathTracer, Scene, read_scene,
-};
-use nearfield::io::Polygons;
+use nearfield::application::{Film, GpuPathTracer, PathCounters, PathSettings, PathTracer, Scene};
 use nearfield::structure::GpuRayStructure;
 use serde_json::{Value, json};
 
 use crate::exit::Failure;
-use crate::input::{Input, file_name};
+use crate::input::file_name;
 use crate::interrupt;
 use crate::options::{Common, PictureSize};
 use crate::progress::{CountBar, Progress};
 use crate::ray_structure::{Built, Rays, Structure, StructureArgs, failed};
-use crate::render_picture::{self, PictureFormat};
+use crate::render_picture::{self, Development, PictureFormat};
+use crate::render_scene::{Source, Up};
 use crate::report::{self, Times, grouped, milliseconds, rounded};
 
 const EXAMPLES: &str = "Examples:
   nearfield render bunny.obj --spp 64 -o bunny.png
+  nearfield render scan.ply --up z -o scan.png
   nearfield render scene.toml --spp 256 --size 1280x720 -o scene.exr
   nearfield render cornell-box -o cornell.png
 
-A mesh (PLY, OBJ with its MTL, STL) stands in a room like the Cornell box, y up; without its MTL file it is light grey. A scene file (.toml) places meshes,
-materials, lights and the camera; its keys are shown in the documentation of `nearfield::application::read_scene`.
+A mesh (PLY, OBJ with its MTL, STL) stands in a room like the Cornell box; without its MTL file it is light grey. --up z
+turns a mesh whose z points up, as scans have it; the room's y is up.
 `cornell-box` is the Cornell box itself.
+
+A scene file (.toml) places meshes, materials, lights and the camera; files lie relative to it, and only [[mesh]] must be there:
+  [camera]
+  position = [0.0, 1.0, 4.0]
+  target = [0.0, 0.5, 0.0]
+  fov = 40.0                       # degrees, upper to lower edge
+
+  [[mesh]]
+  file = 'bunny.obj'
+  material = 'gold'                # else its MTL, else light grey
+  rotate = [0.0, 90.0, 0.0]        # degrees about x, then y, then z; also scale, translate
+
+  [[material]]
+  name = 'gold'
+  kind = 'ggx'                     # lambert, mirror, dielectric or ggx
+  color = [1.0, 0.8, 0.3]
+  metallic = 1.0
+  roughness = 0.3
+
+  [[light]]
+  position = [0.0, 3.0, 2.0]
+  intensity = [10.0, 10.0, 10.0]
+
+  [environment]
+  radiance = [0.2, 0.2, 0.3]       # from everywhere
+`room = true` at the top puts it all into the room. All keys, units and defaults: documentation of
+`nearfield::application::read_scene`.
 
 The picture is written every --every seconds while samples come in, and at the end. Ctrl-C ends after the sample that is under
 way, writes the picture of what there is, and exits with code 130; a second Ctrl-C ends at once. PNG takes light
@@ -54,6 +80,10 @@ pub(crate) struct RenderArgs {
     /// Width and height of the picture in pixels
     #[arg(long, value_name = "WxH", default_value = "800x640")]
     size: PictureSize,
+
+    /// The direction of the mesh that is up in the room [default: y]; not for scene files, which say it themselves
+    #[arg(long, value_name = "AXIS", allow_hyphen_values = true)]
+    up: Option<Up>,
 
     #[command(flatten)]
     structure: StructureArgs,
@@ -83,8 +113,6 @@ pub(crate) struct RenderArgs {
     force: bool,
 }
 
-/// Name of the scene that needs no file.
-const CORNELL_BOX: &str = "cornell-box";
 /// Exposure at which the floor of the room is light, and no wall white.
 const ROOM_EXPOSURE: f32 = 1.6;
 
@@ -153,7 +181,7 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<(), Failure> {
     let (mut times, mut notes) = (Times::default(), Vec::new());
     let progress = Progress::start(common, format!("reading {}", args.input.display()));
     let clock = Instant::now();
-    let scene = args.scene(common, &mut notes)?;
+    let scene = args.source().read(common, &mut notes)?;
     times.read = milliseconds(clock);
     let pixels = u64::from(args.size.width) * u64::from(args.size.height);
     common.allow("the picture", 12 * pixels).map_err(Failure::Search)?;
@@ -172,7 +200,7 @@ pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<(), Failure> {
     times.query = milliseconds(clock);
     let clock = Instant::now();
     let film = tracer.film().map_err(Failure::Search)?;
-    render_picture::write(&args.output, &film, format, args.exposure(), replaces)?;
+    render_picture::write(&args.output, &film, args.development(format, true), replaces)?;
     times.picture = milliseconds(clock);
     let samples = film.samples();
     let dropped = film.dropped();
@@ -209,47 +237,19 @@ impl RenderArgs {
         if !(self.every > 0.0 && self.every.is_finite()) {
             return Err(Failure::Usage(format!("--every {}: expected a finite number of seconds above 0", self.every)));
         }
+        self.source().check()?;
         crate::output::check(&self.output, self.force)?;
         Ok(format)
     }
 
-    /// Whether the input is a mesh, which gets a room.
-    fn is_mesh(&self) -> bool {
-        let is_scene = self.input.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-        !is_scene && !self.is_cornell_box()
+    /// What is rendered.
+    fn source(&self) -> Source<'_> {
+        Source { path: &self.input, up: self.up, size: self.size }
     }
 
-    fn is_cornell_box(&self) -> bool {
-        self.input == Path::new(CORNELL_BOX) && !self.input.exists()
-    }
-
-    fn exposure(&self) -> f32 {
-        self.exposure.unwrap_or(if self.is_mesh() { ROOM_EXPOSURE } else { 1.0 })
-    }
-
-    fn scene(&self, common: &Common, notes: &mut Vec<String>) -> Result<Scene, Failure> {
-        let path = &self.input;
-        if self.is_cornell_box() {
-            return Ok(Scene::cornell_box());
-        }
-        std::fs::metadata(path)
-            .map_err(|source| Failure::Read(path.clone(), nearfield::Error::Io { path: path.clone(), source }))?;
-        let (width, height) = (self.size.width, self.size.height);
-        let mut scene = match read_scene(path, width, height) {
-            Err(nearfield::Error::Io { path: lost, source }) if self.is_mesh() && lost != *path => {
-                notes.push(format!("{}: {source}; the mesh is light grey", lost.display()));
-                let mesh = Input::open(path, None, common)?.surface(Polygons::Fans)?;
-                Scene::room_around(mesh, Material::default()).map_err(|error| failed(path, error))?
-            }
-            Err(error @ nearfield::Error::InvalidSetting { setting: "file format", .. }) => {
-                return Err(Failure::Search(error));
-            }
-            read => read.map_err(Failure::reading(path))?,
-        };
-        if self.is_mesh() {
-            fill_with_room(&mut scene, f64::from(width) / f64::from(height));
-        }
-        Ok(scene)
+    fn development(&self, format: PictureFormat, is_last: bool) -> Development {
+        let usual = if self.source().is_mesh() { ROOM_EXPOSURE } else { 1.0 };
+        Development { format, exposure: self.exposure.unwrap_or(usual), is_last }
     }
 
     /// What adds samples, and where its stages run.
@@ -310,7 +310,7 @@ impl RenderArgs {
             if due && sample < self.spp && self.output != Path::new("-") {
                 let film = tracer.film().map_err(Failure::Search)?;
                 // A disk that is full for a while costs this picture, not the samples.
-                match render_picture::write(&self.output, &film, format, self.exposure(), replaces) {
+                match render_picture::write(&self.output, &film, self.development(format, false), replaces) {
                     Ok(()) => replaces = true,
                     Err(failure) => bar.note(failure.message()),
                 }
@@ -318,18 +318,6 @@ impl RenderArgs {
             }
         }
         Ok(replaces)
-    }
-}
-
-/// Brings the edges of the picture to those of the open front of the room of `Scene::in_room`, so that nothing outside
-/// shows.
-fn fill_with_room(scene: &mut Scene, aspect: f64) {
-    let bounds = scene.bounds();
-    let half = 0.5 * bounds.extent().as_dvec3();
-    let away = f64::from(scene.camera.position.z) - f64::from(bounds.max.z);
-    let reach = half.y.min(half.x / aspect) / away;
-    if reach.is_finite() && reach > 0.0 {
-        scene.camera.vertical_fov = (2.0 * reach.atan()).to_degrees() as f32;
     }
 }
 

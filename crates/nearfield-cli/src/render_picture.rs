@@ -29,16 +29,23 @@ impl PictureFormat {
     }
 }
 
-/// Writes the mean of the samples so far, whole or not at all. `exposure` is for PNG alone.
-pub(crate) fn write(
-    path: &Path,
-    film: &Film,
-    format: PictureFormat,
-    exposure: f32,
-    force: bool,
-) -> Result<(), Failure> {
-    write_atomically(path, force, |w| match format {
-        PictureFormat::Png => Image::of_pixels(film.width(), film.height(), film.srgb(exposure)).write_png(w),
+/// How the light of a film becomes a file.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Development {
+    pub(crate) format: PictureFormat,
+    /// What light is multiplied by; for PNG alone.
+    pub(crate) exposure: f32,
+    /// Whether no other picture follows: then a PNG is made as small as it gets.
+    pub(crate) is_last: bool,
+}
+
+/// Writes the mean of the samples so far, whole or not at all.
+pub(crate) fn write(path: &Path, film: &Film, how: Development, force: bool) -> Result<(), Failure> {
+    write_atomically(path, force, |w| match how.format {
+        PictureFormat::Png => {
+            let image = Image::of_pixels(film.width(), film.height(), film.srgb(how.exposure));
+            if how.is_last { image.write_png(w) } else { image.write_png_quickly(w) }
+        }
         PictureFormat::Exr => exr(film, w),
     })
     .map_err(Failure::writing)

@@ -124,16 +124,32 @@ impl Image {
         }
     }
 
-    /// Writes the picture as PNG.
+    /// Writes the picture as the smallest PNG that the encoder makes: rows filtered, or left as they are where a few
+    /// colours repeat.
     pub(crate) fn write_png(&self, w: &mut dyn Write) -> io::Result<()> {
-        let mut encoder = png::Encoder::new(w, self.width as u32, self.height as u32);
+        let encoded = |filter| self.encoded(png::Compression::High, filter);
+        let (filtered, plain) = rayon::join(|| encoded(png::Filter::Adaptive), || encoded(png::Filter::NoFilter));
+        let (filtered, plain) = (filtered?, plain?);
+        w.write_all(if plain.len() < filtered.len() { &plain } else { &filtered })
+    }
+
+    /// Writes the picture as PNG sooner, in a larger file: for one that is to be replaced.
+    pub(crate) fn write_png_quickly(&self, w: &mut dyn Write) -> io::Result<()> {
+        w.write_all(&self.encoded(png::Compression::Fast, png::Filter::Adaptive)?)
+    }
+
+    fn encoded(&self, compression: png::Compression, filter: png::Filter) -> io::Result<Vec<u8>> {
+        let mut bytes = vec![];
+        let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::Balanced);
+        encoder.set_compression(compression);
+        encoder.set_filter(filter);
         encoder.add_text_chunk("Software".to_owned(), SOFTWARE.to_owned()).map_err(io::Error::other)?;
         let mut writer = encoder.write_header().map_err(io::Error::other)?;
         writer.write_image_data(self.pixels.as_flattened()).map_err(io::Error::other)?;
-        writer.finish().map_err(io::Error::other)
+        writer.finish().map_err(io::Error::other)?;
+        Ok(bytes)
     }
 }
 
@@ -179,5 +195,32 @@ mod tests {
         draw(&scene(&[], &[]), SIZE).write_png(&mut bytes).unwrap();
         assert!(is_ours(&bytes));
         assert!(!is_ours(&bytes[1..]) && !is_ours(b"\x89PNG tEXtSoftware\0gimp"));
+    }
+
+    #[test]
+    fn the_last_picture_is_no_larger_and_has_the_same_pixels() {
+        let pixels = |bytes: &[u8]| {
+            let mut reader = png::Decoder::new(io::Cursor::new(bytes)).read_info().unwrap();
+            let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+            reader.next_frame(&mut pixels).unwrap();
+            pixels
+        };
+        // Noise of two colours, which filters make worse, and a ramp, which they make better.
+        let noise =
+            |i: u32| -> [u8; 3] { if i.wrapping_mul(2_654_435_761) >> 31 == 0 { [200, 30, 90] } else { [10, 220, 7] } };
+        let ramp = |i: u32| [(i % 300 / 2) as u8, (i / 300) as u8, (i % 300 / 2 + i / 300) as u8];
+        for pixel in [&noise as &dyn Fn(u32) -> [u8; 3], &ramp] {
+            let image = Image::of_pixels(300, 90, (0..300 * 90).map(pixel).collect());
+            let (mut last, mut quick) = (vec![], vec![]);
+            image.write_png(&mut last).unwrap();
+            image.write_png_quickly(&mut quick).unwrap();
+            let adaptive = image.encoded(png::Compression::High, png::Filter::Adaptive).unwrap();
+            let plain = image.encoded(png::Compression::High, png::Filter::NoFilter).unwrap();
+            assert_eq!(last.len(), adaptive.len().min(plain.len()));
+            assert!(last.len() <= quick.len(), "{} and {} bytes", last.len(), quick.len());
+            assert_eq!(pixels(&last), image.pixels.as_flattened());
+            assert_eq!(pixels(&quick), image.pixels.as_flattened());
+            assert!(is_ours(&last) && is_ours(&quick));
+        }
     }
 }

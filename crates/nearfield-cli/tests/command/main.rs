@@ -5,6 +5,7 @@ mod nearest;
 mod neighbors;
 mod octree;
 mod rays;
+mod render;
 mod sort;
 mod verbs;
 

@@ -12,4 +12,4 @@ pub use path_trace::{
 #[cfg(feature = "gpu")]
 pub use path_trace::{GpuPathTracer, SceneLayout};
 #[cfg(feature = "io")]
-pub use path_trace::{parse_scene, read_scene};
+pub use path_trace::{SceneReader, parse_scene, read_scene};

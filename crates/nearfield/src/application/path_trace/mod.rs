@@ -51,7 +51,7 @@ pub use light::{Environment, EnvironmentImage, PointLight};
 pub use material::{Material, Surface};
 pub use scene::Scene;
 #[cfg(feature = "io")]
-pub use scene_file::{parse_scene, read_scene};
+pub use scene_file::{SceneReader, parse_scene, read_scene};
 
 use crate::{Error, Result};
 
