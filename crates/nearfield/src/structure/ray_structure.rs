@@ -22,6 +22,9 @@ const MOST_TRIANGLES: u64 = u32::MAX as u64 - 3;
 impl PreparedTriangles {
     /// Prepares every triangle of the mesh, relative to its origin.
     ///
+    /// Edges should be 1e-16 or longer, in whatever unit; see [`PreparedTriangle::hit`] for what becomes of shorter ones,
+    /// which are no error.
+    ///
     /// # Errors
     /// `NoTriangles`; `TooMany` (an index of a triangle without a vertex, or more than 2³² − 4 triangles); `NonFinite`,
     /// `CoordinateTooLarge` (vertices).

@@ -12,6 +12,7 @@ mod ray_trees;
 mod rows;
 #[path = "../support/mod.rs"]
 mod support;
+mod tiny_triangles;
 mod trees;
 mod visitors;
 
@@ -104,6 +105,7 @@ fn main() {
     trials.extend(rows::trials());
     trials.extend(trees::trials());
     trials.extend(ray_trees::trials());
+    trials.extend(tiny_triangles::trials());
     trials.extend(coherent::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

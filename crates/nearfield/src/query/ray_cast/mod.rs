@@ -16,7 +16,8 @@
 //! ```
 //!
 //! Positions are relative to the origin of the mesh. A triangle is hit from both sides; edges and corners belong to it;
-//! a triangle without an area is never hit.
+//! a triangle without an area is never hit. Triangles with edges below 1e-16 may be missed, and below 1e-23 are
+//! ([`PreparedTriangle::hit`](crate::geometry::PreparedTriangle::hit)): scale such meshes up.
 
 mod cpu;
 #[cfg(feature = "gpu")]
