@@ -12,10 +12,12 @@ use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::geometry::{LocalHit, PreparedRay};
 use nearfield::gpu::{DeviceChoice, Gpu};
 use nearfield::structure::{BuildStage, CountRayWork, HitVisitor, PreparedTriangles, RayStructure};
-use nearfield::{BruteForceMesh, HitRecord, Ray, RaySearch, Vec3};
+use nearfield::{Aabb, BruteForceMesh, HitRecord, Ray, RaySearch, Vec3};
 use nearfield_bench::measure::Effort;
 use nearfield_bench::provenance::COMMIT;
 use nearfield_bench::rays::check::{Answer, Expected, ask};
+use nearfield_bench::rays::counts::{check_box, check_brute, check_tree};
+use nearfield_bench::rays::meshes::Source;
 use nearfield_bench::rays::method::{self, Method, Search};
 use nearfield_bench::rays::paths::check_picture;
 use nearfield_bench::rays::rows::COLUMNS;
@@ -38,6 +40,8 @@ fn main() {
             experiments_are_complete(DeviceChoice::Cpu, None);
         }),
         trial("a spent budget leaves rows out and says so", a_spent_budget_is_said),
+        trial("a planted wrong number of tests is found", planted_counts_are_found),
+        trial("three corners of quads are every second triangle", three_corners_of_quads),
         trial("a structure that loses hits is stopped", a_structure_that_loses_hits_is_stopped),
         trial("a planted wrong answer is found", planted_answers_are_found),
         trial("a planted wrong picture is found", planted_pictures_are_found),
@@ -70,8 +74,9 @@ fn arguments(device: DeviceChoice, folder: &Folder) -> rays::Arguments {
         // A budget that leaves nothing out.
         budget: 1e6,
         data: None,
-        parts: vec![Part::Triangles, Part::Shares, Part::Speed, Part::Paths],
+        parts: vec![Part::Counts, Part::Triangles, Part::Shares, Part::Speed, Part::Paths],
         repeat: Some(1),
+        full: false,
         embree: None,
         output: folder.0.clone(),
     }
@@ -122,6 +127,20 @@ fn experiments_are_complete(device: DeviceChoice, gpu: Option<&Gpu>) {
         }
     }
 
+    let counts = of_part("counts");
+    assert_eq!(counts.len(), 2 * 6 * if gpu.is_some() { 2 } else { 1 });
+    let corners = counts.iter().filter(|r| r[column("mesh")].ends_with("three corners of each quad")).count();
+    assert_eq!(2 * corners, counts.len());
+    for row in &counts {
+        let (mean, most, n) = (number(row, "mean_tests"), number(row, "max_tests"), number(row, "triangles"));
+        let name = &row[column("structure")];
+        assert_eq!(name.ends_with("brute force"), mean == n, "{row:?}");
+        assert_eq!(name.contains("brute force"), most == n, "{row:?}");
+        assert_eq!(name.contains("bounding box"), row[column("note")].contains("pixels that meet the box"), "{row:?}");
+        assert_eq!(row[column("rays")], row[column("rays_cast")], "{row:?}");
+        assert!(row[column("accel_max_tests")].is_empty(), "Accel's numbers are for its own mesh: {row:?}");
+    }
+
     let how: BTreeSet<&str> = of_part("shares").iter().map(|r| &r[column("how")]).collect();
     for wanted in ["spatial median, leaves of 20", "spatial median, leaves of 2000", "binned SAH"] {
         assert!(how.contains(wanted), "{how:?}");
@@ -168,6 +187,43 @@ fn a_spent_budget_is_said() {
         assert!(record[column("note")].starts_with("left out: "), "{record:?}");
         assert!(record[column("mrays_per_s")].is_empty(), "{record:?}");
     }
+}
+
+fn planted_counts_are_found() {
+    check_brute(&[12; 9], 12).expect("all of them");
+    assert!(check_brute(&[12, 12, 11], 12).unwrap_err().to_string().contains("ray 2"));
+    let bounds = Aabb::new(Vec3::ZERO, Vec3::ONE);
+    let down = |x: f32| Ray::new(Vec3::new(x, 0.5, 5.0), Vec3::new(0.0, 0.0, -2.0));
+    let behind = Ray::new(Vec3::new(0.5, 0.5, -5.0), Vec3::new(0.0, 0.0, -1.0));
+    let rays = [down(0.5), down(1.5), down(1.000_01), behind];
+    for right in [[12, 0, 12, 0], [12, 0, 0, 0]] {
+        check_box(&rays, &right, &bounds, 12).expect("the box only");
+    }
+    for (wrong, ray) in
+        [([0, 0, 0, 0], 0), ([11, 0, 0, 0], 0), ([12, 12, 0, 0], 1), ([12, 0, 5, 0], 2), ([12, 0, 0, 12], 3)]
+    {
+        let error = check_box(&rays, &wrong, &bounds, 12).unwrap_err().to_string();
+        assert!(error.contains(&format!("wrong answer: ray {ray} ")), "{error}");
+    }
+    check_tree(1666, 1666).and(check_tree(900, 1666)).and(check_tree(3300, 1666)).expect("of the same order");
+    assert!(check_tree(800, 1666).is_err() && check_tree(3400, 1666).is_err());
+}
+
+fn three_corners_of_quads() {
+    let folder = Folder::new("corners");
+    let file = |text: &str| fs::write(folder.0.join("accel-bunny-b.obj"), text).expect("a file");
+    file("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nf 1 2 3 4\nf 1 2 6 5\n");
+    let source = Source::new(Some(&folder.0), 1.0);
+    let whole = source.mesh(("accel-bunny-b.obj", 59_616)).expect("a mesh").mesh;
+    let three = source.three_corners().expect("a mesh");
+    assert_eq!(three.mesh.triangles, [[0, 1, 2], [0, 1, 5]]);
+    assert!(whole.triangles.iter().step_by(2).eq(&three.mesh.triangles), "the first half of each quad");
+    assert_eq!(three.name, "accel-bunny-b, three corners of each quad");
+    file("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nf 1 2 3\n");
+    assert!(source.three_corners().unwrap_err().to_string().contains("not all faces are quads"));
+    let made = Source::new(Some(&folder.0), 0.01);
+    let half = made.three_corners().expect("a mesh").mesh.triangles.len();
+    assert_eq!(2 * half, made.mesh(("accel-bunny-b.obj", 59_616)).expect("a mesh").mesh.triangles.len());
 }
 
 fn bad_settings_are_refused() {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use nearfield::TriMesh;
 use nearfield::geometry::generate::{MeshKind, mesh};
+use nearfield::io::{Format, Polygons};
 
 use crate::Result;
 
@@ -63,6 +64,27 @@ impl Source {
         let n = ((triangles as f64 * self.scale) as usize).max(FEWEST);
         let mesh = mesh(MeshKind::Icosphere, n, 0);
         Ok(Named { name: format!("icosphere for {}", file.trim_end_matches(".obj")), mesh })
+    }
+
+    /// Accel's largest mesh as it read it: the first three corners of each quad, half of the triangles. Where its file is
+    /// not there, every second triangle of what takes its place.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or whose faces are not all quads.
+    pub fn three_corners(&self) -> Result<Named> {
+        let whole = self.mesh(ACCEL[ACCEL.len() - 1])?;
+        let name = format!("{}, three corners of each quad", whole.name);
+        let path = self.folder.join(ACCEL[ACCEL.len() - 1].0);
+        if self.scale == 1.0 && path.is_file() {
+            let bytes = std::fs::read(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+            let mesh = nearfield::io::parse_mesh_with(&bytes, Format::Obj, Polygons::FirstThree)?;
+            if 2 * mesh.triangles.len() != whole.triangles() {
+                return Err(format!("{}: not all faces are quads", path.display()).into());
+            }
+            return Ok(Named { name, mesh });
+        }
+        let triangles = whole.mesh.triangles.into_iter().step_by(2).collect();
+        Ok(Named { name, mesh: TriMesh { triangles, ..whole.mesh } })
     }
 
     /// Accel's five meshes, by rising number of triangles.

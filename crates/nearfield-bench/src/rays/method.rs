@@ -214,6 +214,17 @@ pub struct Cast {
 }
 
 impl Cast {
+    /// The times of so many times as many rays.
+    pub fn scaled(self, times: f64) -> Self {
+        let scaled = |t: Timing| Timing { median: times * t.median, fastest: times * t.fastest };
+        Self {
+            device: self.device.map(scaled),
+            host: scaled(self.host),
+            round_trip: self.round_trip.map(|ms| times * ms),
+            ..self
+        }
+    }
+
     /// What rates are computed from: the device's clock where it has one.
     pub fn milliseconds(&self) -> f64 {
         self.device.map_or(self.host.median, |timing| timing.median)

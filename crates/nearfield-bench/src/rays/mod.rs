@@ -1,5 +1,7 @@
 //! `nearfield-bench rays`: Accel's experiments on its kd-tree, and how fast rays are cast here.
 //!
+//! - [`counts`]: triangle tests a ray as in its heat maps, over all of its mesh and over the three corners of each quad that
+//!   it read;
 //! - [`growth`]: 750 × 750 primary rays against the number of triangles, all structures, with Accel's figures;
 //! - [`shares`]: build, copy to the device and traversal, for Accel's trees and ours;
 //! - [`speed`]: primary rays, diffuse bounces, shadow rays and all hits on the Stanford bunny, and the build of a tree
@@ -12,6 +14,7 @@
 //! allocation and upload; its rays pass triangles that its test takes for degenerate.
 
 pub mod check;
+pub mod counts;
 pub mod embree;
 pub mod growth;
 pub mod meshes;
@@ -41,6 +44,8 @@ use rows::Row;
 pub enum Part {
     /// Time against the number of triangles.
     Triangles,
+    /// Triangle tests a ray, on the mesh and on Accel's three corners of its quads.
+    Counts,
     /// Shares of build, copy and traversal.
     Shares,
     /// The speed table and the build of a large tree.
@@ -58,18 +63,23 @@ pub struct Arguments {
     /// Numbers of rays and triangles times this; other than 1, meshes are icospheres
     #[arg(long, default_value_t = 1.0)]
     pub scale: f64,
-    /// Seconds: a cast that would take more than a sixth of them is left out, and nothing is begun after them
+    /// Seconds: a cast of brute force that would take more than a sixth of them is estimated from some rows of the picture,
+    /// the path tracer is stopped after a sixth of what is left, and no cast is begun after them
     #[arg(long, default_value_t = 480.0)]
     pub budget: f64,
     /// Folder of the meshes [default: the variable NEARFIELD_DATA, else ../shared/data beside the repository]
     #[arg(long)]
     pub data: Option<PathBuf>,
     /// Parts, such as speed,shares
-    #[arg(long, value_delimiter = ',', default_value = "speed,shares,paths,triangles")]
+    #[arg(long, value_delimiter = ',', default_value = "counts,speed,shares,paths,triangles")]
     pub parts: Vec<Part>,
     /// Timed runs of a row at most, and iterations of the path tracer; with it the GPU is not warmed up
     #[arg(long)]
     pub repeat: Option<usize>,
+    /// Take the time it takes, whatever the budget: the path tracer runs its two minutes by every structure, and brute force
+    /// casts all rays; about 20 minutes without a GPU, 30 with one
+    #[arg(long, conflicts_with = "repeat")]
+    pub full: bool,
     /// The program that scripts/build_embree_peer.sh makes: its hits and times are compared too
     #[arg(long)]
     pub embree: Option<PathBuf>,
@@ -90,6 +100,8 @@ pub struct Lab {
     pub budget: f64,
     /// Rows so far.
     pub rows: Vec<Row>,
+    /// Whether nothing is estimated or cut short.
+    pub full: bool,
     begin: Instant,
     scale: f64,
     repeat: Option<usize>,
@@ -110,7 +122,8 @@ impl Lab {
             machine: Machine::open(&arguments.device)?,
             source: Source::new(arguments.data.as_deref(), arguments.scale),
             tree: KdTreeSettings::default(),
-            budget: arguments.budget,
+            budget: if arguments.full { f64::INFINITY } else { arguments.budget },
+            full: arguments.full,
             rows: Vec::new(),
             begin: Instant::now(),
             scale: arguments.scale,
@@ -182,9 +195,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let machine = &lab.machine;
     println!("commit {COMMIT}; GPU: {} ({}); host: {}\n\n{}", machine.name, machine.driver, machine.host, Row::head());
-    for part in [Part::Speed, Part::Shares, Part::Paths, Part::Triangles] {
+    for part in [Part::Counts, Part::Speed, Part::Shares, Part::Paths, Part::Triangles] {
         if arguments.parts.contains(&part) {
             match part {
+                Part::Counts => counts::measure(&mut lab),
                 Part::Triangles => growth::measure(&mut lab),
                 Part::Shares => shares::measure(&mut lab),
                 Part::Speed => speed::measure(&mut lab),

@@ -34,10 +34,22 @@ struct Made {
 }
 
 /// How long passes are repeated.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Until {
     iterations: usize,
     seconds: f64,
+}
+
+impl Until {
+    /// Two minutes in full; else as many iterations as Accel made in them, or as are wanted, within a share of the seconds
+    /// that are left.
+    fn of(full: bool, wanted: Option<usize>, left: f64) -> Self {
+        if full {
+            return Self { iterations: usize::MAX, seconds: SECONDS };
+        }
+        let iterations = wanted.unwrap_or(published::ITERATIONS[0]).max(1);
+        Self { iterations, seconds: SECONDS.min(SHARE * left) }
+    }
 }
 
 /// Repeats a pass until the iterations are made or the seconds are over.
@@ -113,10 +125,7 @@ pub fn measure(lab: &mut Lab) -> Result<()> {
     let order =
         [Method::GpuRopes, Method::GpuBvh, Method::GpuBrute, Method::CpuRopes, Method::CpuBvh, Method::CpuBrute];
     for method in order {
-        let until = Until {
-            iterations: lab.repeat.unwrap_or(published::ITERATIONS[0]).max(1),
-            seconds: SECONDS.min(SHARE * lab.left()),
-        };
+        let until = Until::of(lab.full, lab.repeat, lab.left());
         let Some(made) = make(lab, &room, &scene, method, (side as u32, until))? else { continue };
         let is_tree = matches!(method, Method::CpuRopes | Method::GpuRopes);
         let row = Row {
@@ -161,11 +170,13 @@ fn sentence(made: &Made, method: Method, side: usize) -> String {
     let [by_ropes, by_brute] = published::ITERATIONS;
     let each = made.seconds / made.iterations as f64;
     let of_accel = if method.is_brute() { by_brute } else { by_ropes };
-    let follows = match made.iterations >= by_ropes {
-        true => format!("so {:.0} in two minutes", SECONDS / each),
-        false => {
-            format!("so {:.1} in two minutes and {} s for {by_ropes}", SECONDS / each, digits(by_ropes as f64 * each))
-        }
+    let follows = if made.seconds >= SECONDS {
+        // The last one ended after them.
+        format!(", {} of them within two minutes", made.iterations - usize::from(made.seconds > SECONDS))
+    } else if made.iterations >= by_ropes {
+        format!(", so {:.0} in two minutes", SECONDS / each)
+    } else {
+        format!(", so {:.1} in two minutes and {} s for {by_ropes}", SECONDS / each, digits(by_ropes as f64 * each))
     };
     let rays = match made.rays {
         0 => String::new(),
@@ -173,7 +184,7 @@ fn sentence(made: &Made, method: Method, side: usize) -> String {
     };
     // Its figures are for its own picture.
     let accel = if side == SIDE { format!("; Accel's GPU: {of_accel} in two minutes") } else { String::new() };
-    format!("{} iterations of {side} × {side} in {} s, {follows}{rays}{accel}", made.iterations, digits(made.seconds))
+    format!("{} iterations of {side} × {side} in {} s{follows}{rays}{accel}", made.iterations, digits(made.seconds))
 }
 
 /// Builds the structure and iterates; `None` where there is no GPU, the reason where the device does not do it.
@@ -202,5 +213,24 @@ fn make(
     match made {
         Ok(made) => Ok(Some(Ok(made))),
         Err(error) => Ok(Some(Err(super::unsupported(error)?))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_minutes_are_run_in_full_or_reckoned_from_fewer_iterations() {
+        let in_full = Until { iterations: usize::MAX, seconds: SECONDS };
+        assert_eq!(Until::of(true, None, f64::INFINITY), in_full);
+        assert_eq!(Until::of(false, None, 60.0), Until { iterations: 168, seconds: 10.0 });
+        assert_eq!(Until::of(false, Some(0), 1e9), Until { iterations: 1, seconds: SECONDS });
+        let made = |iterations, seconds| Made { iterations, seconds, first: vec![], rays: 0 };
+        let told = |made: &Made| sentence(made, Method::CpuRopes, SIDE);
+        let whole = told(&made(301, 120.25));
+        assert!(whole.starts_with("301 iterations of 800 × 800 in 120 s, 300 of them within two minutes"), "{whole}");
+        assert!(told(&made(168, 60.0)).contains("so 336 in two minutes"));
+        assert!(told(&made(12, 60.0)).contains("so 24.0 in two minutes and 840 s for 168"));
     }
 }

@@ -31,6 +31,13 @@ pub fn accel_at(method: Method, triangles: usize) -> Option<f64> {
 /// Accel's build of a kd-tree over 29,808 triangles: leaf limit and milliseconds.
 pub const ACCEL_BUILDS: [(u32, f64); 3] = [(20, 115.0), (200, 24.0), (2000, 11.0)];
 
+/// Largest number of triangles that a ray of Accel's heat maps tested: leaf limit and number. Brute force tests all of the
+/// 29,808 that it read.
+pub const ACCEL_TESTS: [(u32, u32); 3] = [(2000, 7147), (200, 1666), (20, 467)];
+
+/// Triangles of Accel's heat maps: the first three corners of every quad of its largest bunny.
+pub const ACCEL_CORNERS: usize = 29_808;
+
 /// Accel's path tracer: iterations in two minutes by ropes and by brute force, on its GPU.
 pub const ITERATIONS: [usize; 2] = [168, 13];
 

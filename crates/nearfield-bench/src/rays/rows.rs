@@ -9,7 +9,7 @@ use crate::provenance::COMMIT;
 /// One structure, one mesh, one set of rays.
 #[derive(Debug, Clone, Default)]
 pub struct Row {
-    /// Part: "triangles", "shares", "speed", "build", "paths".
+    /// Part: "triangles", "counts", "shares", "speed", "build", "paths".
     pub part: &'static str,
     /// The mesh.
     pub mesh: String,
@@ -23,8 +23,10 @@ pub struct Row {
     pub device: String,
     /// Which rays.
     pub shots: String,
-    /// How many.
+    /// How many the row is about.
     pub rays: usize,
+    /// How many were cast, where the row's times are an estimate from fewer.
+    pub estimated_from: Option<usize>,
     /// Milliseconds of preparation and build.
     pub build: Option<f64>,
     /// Milliseconds of the copy to the device.
@@ -37,6 +39,8 @@ pub struct Row {
     pub sample: usize,
     /// Accel's milliseconds.
     pub accel: Option<f64>,
+    /// Accel's largest number of triangles tested by a ray.
+    pub accel_tests: Option<u32>,
     /// The target in words.
     pub target: String,
     /// What else there is to know.
@@ -44,7 +48,7 @@ pub struct Row {
 }
 
 /// Columns of the CSV file.
-pub const COLUMNS: [&str; 25] = [
+pub const COLUMNS: [&str; 27] = [
     "part",
     "mesh",
     "triangles",
@@ -53,6 +57,7 @@ pub const COLUMNS: [&str; 25] = [
     "device",
     "shots",
     "rays",
+    "rays_cast",
     "build_ms",
     "upload_ms",
     "cast_device_ms",
@@ -66,6 +71,7 @@ pub const COLUMNS: [&str; 25] = [
     "rays_against_brute_force",
     "rays_differing_within_rounding",
     "accel_ms",
+    "accel_max_tests",
     "target",
     "note",
     "driver",
@@ -78,11 +84,17 @@ impl Row {
         Some(self.rays as f64 * 1e-3 / self.cast.as_ref()?.milliseconds())
     }
 
+    /// Rays that were cast: fewer where the times are an estimate, none where they were left out.
+    fn rays_cast(&self) -> usize {
+        let is_cast = self.cast.is_some() || self.tests.is_some();
+        self.estimated_from.unwrap_or(if is_cast { self.rays } else { 0 })
+    }
+
     /// The head of the table for people.
     pub fn head() -> &'static str {
         "| mesh | triangles | structure | built | rays | build ms | upload ms | cast ms, device | cast ms, host | host to host ms | Mrays/s | \
-         mean tests | max tests | Accel ms | target | note |\n\
-         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+         mean tests | max tests | Accel max tests | Accel ms | target | note |\n\
+         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
     }
 
     /// A line of the table for people.
@@ -91,7 +103,7 @@ impl Row {
         let cast = self.cast.as_ref();
         let rays = if self.rays == 0 { String::new() } else { format!("{} {}", self.rays, self.shots) };
         format!(
-            "| {} | {} | {} | {} | {rays} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
+            "| {} | {} | {} | {} | {rays} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
             self.mesh,
             self.triangles,
             self.method,
@@ -104,6 +116,7 @@ impl Row {
             number(self.mrays()),
             number(self.tests.map(|t| t.0)),
             self.tests.map_or_else(String::new, |t| t.1.to_string()),
+            self.accel_tests.map_or_else(String::new, |most| most.to_string()),
             number(self.accel),
             self.target,
             self.note,
@@ -123,6 +136,7 @@ impl Row {
             self.device.clone(),
             self.shots.clone(),
             self.rays.to_string(),
+            self.rays_cast().to_string(),
             number(self.build),
             number(self.upload),
             number(cast.and_then(|c| c.device).map(|t| t.median)),
@@ -136,6 +150,7 @@ impl Row {
             self.sample.to_string(),
             cast.map_or(0, |c| c.differing).to_string(),
             number(self.accel),
+            self.accel_tests.map_or_else(String::new, |most| most.to_string()),
             self.target.clone(),
             self.note.clone(),
             driver.to_owned(),

@@ -58,6 +58,14 @@ pub fn primary(mesh: &TriMesh, side: usize) -> Vec<Ray> {
         .collect()
 }
 
+/// The rays of so many rows of a square picture, spread evenly over its height; all of them where there are no more.
+pub fn sampled_rows(rays: &[Ray], side: usize, rows: usize) -> Vec<Ray> {
+    let rows = rows.clamp(1, side.max(1));
+    // The middle row of each part.
+    let row = |i: usize| (2 * i + 1) * side / (2 * rows);
+    (0..rows).flat_map(|i| rays[row(i) * side..(row(i) + 1) * side].iter().copied()).collect()
+}
+
 /// A hash of a pixel and a number as two values in [0, 1).
 fn uniform(pixel: usize, number: u64) -> [f32; 2] {
     let mut z = SEED.wrapping_add((8 * pixel as u64 + number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
@@ -147,5 +155,21 @@ mod tests {
         let shadows = shadows(&rays, hits.records(), triangles.as_slice(), &mesh.bounds());
         let lit = brute.any_hits(&shadows).expect("states").as_slice().iter().filter(|&&s| s == 0).count();
         assert!(lit > shadows.len() / 10 && lit < shadows.len(), "{lit} of {} lit", shadows.len());
+    }
+
+    #[test]
+    fn sampled_rows_are_whole_distinct_and_spread_over_the_picture() {
+        let side = 10;
+        let rays: Vec<Ray> = (0..side * side).map(|i| Ray::new(Vec3::splat(i as f32), Vec3::X)).collect();
+        let rows = |n: usize| -> Vec<usize> {
+            let some = sampled_rows(&rays, side, n);
+            assert!(some.chunks(side).all(|row| row.windows(2).all(|w| w[1].origin.x == w[0].origin.x + 1.0)));
+            some.chunks(side).map(|row| row[0].origin.x as usize / side).collect()
+        };
+        assert_eq!(rows(1), [5]);
+        assert_eq!(rows(2), [2, 7]);
+        assert_eq!(rows(3), [1, 5, 8]);
+        assert_eq!(rows(10), (0..10).collect::<Vec<_>>());
+        assert_eq!(rows(99), rows(10));
     }
 }
