@@ -21,8 +21,8 @@ use crate::Result;
 
 /// Side of Accel's pictures.
 const SIDE: usize = 750;
-/// Brute force casts every so many-th row of the picture where it is no graphics card that does it.
-const EVERY: usize = 8;
+/// Brute force casts every so many-th row of the picture on the CPU, and on a software renderer.
+const EVERY: [usize; 2] = [8, 64];
 /// Triangle tests of one call of brute force, so that no desktop ends it.
 const TESTS: usize = 1 << 31;
 /// How far Accel's largest number of tests in a tree and ours may be apart.
@@ -106,12 +106,13 @@ fn measure_mesh(lab: &mut Lab, named: &Named, is_accels: bool) -> Result<()> {
     let triangles = PreparedTriangles::new(&named.mesh)?;
     let side = lab.side(SIDE);
     let rays = shots::primary(&named.mesh, side);
-    let some = shots::sampled_rows(&rays, side, side.div_ceil(EVERY));
+    let parts = EVERY.map(|every| shots::sampled_rows(&rays, side, side.div_ceil(every)));
     let target = |rays, shots: String| -> Result<Target<'_>> {
         Ok(Target { rays, expected: Expected::of(&triangles, rays, Question::Closest)?, shots })
     };
+    let rows = |part: &[Ray]| format!("primary, {} of {side} rows", part.len() / side);
     let whole = target(&rays, "primary".to_owned())?;
-    let part = target(&some, format!("primary, {} of {side} rows", some.len() / side))?;
+    let [on_cpu, in_software] = [target(&parts[0], rows(&parts[0]))?, target(&parts[1], rows(&parts[1]))?];
     // Accel's numbers are for its mesh and its size of picture.
     let is_comparable = is_accels && side == SIDE && named.triangles() == published::ACCEL_CORNERS;
     for subject in Subject::all(lab.tree) {
@@ -119,7 +120,11 @@ fn measure_mesh(lab: &mut Lab, named: &Named, is_accels: bool) -> Result<()> {
             let Some(gpu) = lab.gpu().cloned().map(Some).or((!on_gpu).then_some(None)) else { continue };
             let gpu = gpu.filter(|_| on_gpu);
             let is_fast = matches!(subject, Subject::Tree(_)) || on_gpu && lab.machine.is_hardware_gpu();
-            let target = if is_fast || lab.full { &whole } else { &part };
+            let target = match (is_fast || lab.full, on_gpu) {
+                (true, _) => &whole,
+                (false, false) => &on_cpu,
+                (false, true) => &in_software,
+            };
             let row = Row {
                 part: "counts",
                 mesh: named.name.clone(),

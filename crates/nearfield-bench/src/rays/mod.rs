@@ -77,7 +77,7 @@ pub struct Arguments {
     #[arg(long)]
     pub repeat: Option<usize>,
     /// Take the time it takes, whatever the budget: the path tracer runs its two minutes by every structure, and brute force
-    /// casts all rays; about 20 minutes without a GPU, 30 with one
+    /// casts all rays; about 20 minutes without a GPU, 30 with one, longer with a software renderer
     #[arg(long, conflicts_with = "repeat")]
     pub full: bool,
     /// The program that scripts/build_embree_peer.sh makes: its hits and times are compared too
