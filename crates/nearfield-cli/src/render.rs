@@ -32,8 +32,7 @@ turns a mesh whose z points up, as scans have it; the room's y is up.
 
 A scene file (.toml) places meshes, materials, lights and the camera; files lie relative to it, and only [[mesh]] must be there:
   [camera]
-  position = [0.0, 1.0, 4.0]
-  target = [0.0, 0.5, 0.0]
+  direction = [0.0, -0.3, -1.0]    # frames everything; or position and target
   fov = 40.0                       # degrees, upper to lower edge
 
   [[mesh]]
