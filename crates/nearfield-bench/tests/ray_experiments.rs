@@ -135,7 +135,8 @@ fn experiments_are_complete(device: DeviceChoice, gpu: Option<&Gpu>) {
         let (mean, most, n) = (number(row, "mean_tests"), number(row, "max_tests"), number(row, "triangles"));
         let name = &row[column("structure")];
         assert_eq!(name.ends_with("brute force"), mean == n, "{row:?}");
-        assert_eq!(name.contains("brute force"), most == n, "{row:?}");
+        // A tree with leaves of 2000 is one leaf here, entered where its box is hit.
+        assert!(most <= n && (most == n || !name.contains("brute force")), "{row:?}");
         assert_eq!(name.contains("bounding box"), row[column("note")].contains("pixels that meet the box"), "{row:?}");
         assert_eq!(row[column("rays")], row[column("rays_cast")], "{row:?}");
         assert!(row[column("accel_max_tests")].is_empty(), "Accel's numbers are for its own mesh: {row:?}");
