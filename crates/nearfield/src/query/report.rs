@@ -57,6 +57,17 @@ impl Report {
         self.stages.push(Stage { name, milliseconds, clock: Clock::Host });
     }
 
+    /// Adds the times of stages from the `first` on to earlier ones of the same name and clock.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn merge_stages(&mut self, first: usize) {
+        for stage in self.stages.split_off(first) {
+            match self.stages.iter_mut().find(|s| s.name == stage.name && s.clock == stage.clock) {
+                Some(earlier) => earlier.milliseconds += stage.milliseconds,
+                None => self.stages.push(stage),
+            }
+        }
+    }
+
     /// Sum of the stages of that name on one clock, in milliseconds.
     pub fn milliseconds(&self, name: &str, clock: Clock) -> f64 {
         self.stages.iter().filter(|s| s.name == name && s.clock == clock).map(|s| s.milliseconds).sum()

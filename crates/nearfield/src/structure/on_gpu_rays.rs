@@ -5,6 +5,14 @@ use std::sync::Arc;
 use super::{BuildStage, PreparedTriangles};
 use crate::gpu::{Access, Bind, Gpu};
 
+/// Tests of triangles or boxes that one submission is made for, so that no driver's time limit ends it: 4 ms on an H200,
+/// where a test takes 3.6 ps, and a fifth of a second on a device fifty times as slow. Limits are around two seconds.
+const TESTS_A_SUBMISSION: u64 = 1 << 30;
+/// Rays that every submission takes, as fewer leave lanes idle and take no less time.
+const FEWEST_RAYS: u64 = 1024;
+/// Tests of a ray in a tree: the hierarchy of boxes tests some 40 boxes for a bounced ray into the Stanford bunny.
+const TESTS_IN_A_TREE: u64 = 64;
+
 /// A structure over triangles on the device, and a WESL module that walks along a ray.
 ///
 /// The module holds `fn trace(ray: PreparedRay, state: ptr<function, HitState>, work: ptr<function, RayWork>) -> bool`. It
@@ -37,6 +45,18 @@ pub trait GpuRayStructure: Sync {
     /// ([`crate::gpu::GpuLimits::loop_rounds`]), so that a cast that cannot succeed is not begun.
     fn fewest_rounds(&self) -> u64 {
         0
+    }
+
+    /// How many triangles or boxes a ray is tested against, about.
+    fn expected_tests(&self) -> u64 {
+        TESTS_IN_A_TREE
+    }
+
+    /// Most rays of a submission: such that rays times [`GpuRayStructure::expected_tests`] is at most 2³⁰, but 1,024 in any
+    /// case. [`crate::RaySearch`] cuts its batches by it; whoever records casts into commands of their own can too.
+    fn rays_a_submission(&self) -> usize {
+        let rays = (TESTS_A_SUBMISSION / self.expected_tests().max(1)).max(FEWEST_RAYS);
+        usize::try_from(rays).unwrap_or(usize::MAX)
     }
 
     /// Times of the build.

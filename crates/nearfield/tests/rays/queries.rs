@@ -3,9 +3,10 @@
 use libtest_mimic::Trial;
 use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::gpu::Gpu;
+use nearfield::structure::GpuRayStructure;
 use nearfield::{
-    BruteForceMesh, BvhSettings, Error, GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, KdTreeSettings, Ray, RaySearch,
-    TriMesh, Vec3,
+    BruteForceMesh, BvhSettings, Error, GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, Hits, KdTreeSettings, Ray,
+    RaySearch, TriMesh, TriangleBvh, Vec3,
 };
 
 use crate::support::{gpu_trial, own_context, refuse_each, trial};
@@ -118,6 +119,32 @@ fn a_ray_that_takes_too_many_rounds_is_never_cut_silently(gpu: &Gpu) {
     }
 }
 
+/// Rays times triangles pass what one submission is made for: they go in two, and answers are whole.
+fn long_casts_go_in_several_submissions(gpu: &Gpu) {
+    let mesh = mesh(MeshKind::Soup, 500_000, 3);
+    let search = GpuBruteForceMesh::build(gpu, &mesh).unwrap().within_box().unwrap();
+    let most = search.rays_a_submission();
+    assert_eq!(most, (1 << 30) / 500_000);
+    // Few of the rays meet the box, so that a software device is not kept for long.
+    let bounds = mesh.bounds();
+    let ray = |i: usize| {
+        let aside = if i % 200 == 7 { 0.0 } else { 2.0 };
+        let from = bounds.center() + bounds.extent() * Vec3::new(aside, 0.001 * (i % 97) as f32, 1.0);
+        Ray::new(from, -Vec3::Z)
+    };
+    let rays: Vec<Ray> = (0..most + most / 2).map(ray).collect();
+    let hits = search.closest_hits(&rays).unwrap();
+    assert_eq!(hits.report.batches, 2);
+    assert_eq!(hits.report.stages.iter().filter(|stage| stage.name == "upload").count(), 1);
+    let bvh = TriangleBvh::build(&mesh, &BvhSettings::default()).unwrap();
+    let expected = bvh.closest_hits(&rays).unwrap();
+    let triangles = |hits: &Hits| hits.records().iter().map(|hit| hit.triangle).collect::<Vec<_>>();
+    assert!(expected.n_hits() > 5);
+    assert_eq!(triangles(&hits), triangles(&expected));
+    let all = search.all_hits(&rays).unwrap();
+    assert_eq!(all.offsets(), bvh.all_hits(&rays).unwrap().offsets());
+}
+
 fn work_is_counted(search: &dyn RaySearch, triangles: u32) {
     let rays = vec![Ray::new(Vec3::new(0.1, 0.2, 5.0), -Vec3::Z); 70];
     let (hits, work) = search.closest_hits_with_work(&rays).unwrap();
@@ -143,6 +170,7 @@ pub(crate) fn trials() -> Vec<Trial> {
             let mesh = mesh(MeshKind::Icosphere, 320, 1);
             work_is_counted(&GpuBruteForceMesh::build(gpu, &mesh).unwrap(), mesh.triangles.len() as u32);
         }),
+        gpu_trial("gpu::long_casts_go_in_several_submissions", long_casts_go_in_several_submissions),
         gpu_trial(
             "gpu::a_ray_that_takes_too_many_rounds_is_never_cut_silently",
             a_ray_that_takes_too_many_rounds_is_never_cut_silently,

@@ -1,6 +1,6 @@
 //! The path tracer on a device: the stages are kernels over tiles of paths that never leave it.
 //!
-//! A pass is one submission a tile. Rays are cast by the structure's own kernels ([`RaysOnDevice`]); a path that has
+//! A pass is a submission a tile, or a few where the structure's walks are long. Rays are cast by the structure's own kernels ([`RaysOnDevice`]); a path that has
 //! ended keeps its place and casts a ray of no length.
 
 use std::sync::Arc;
@@ -87,7 +87,7 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
         let tables = GpuTables::upload(gpu, &SceneTables::new(&scene, prepared.as_slice(), prepared.space()))?;
         let film = gpu.buffer("film", pixels)?;
         let dropped = gpu.buffer("samples left out", 1)?;
-        let tile = Tile::new(gpu, pixels.min(TILE))?;
+        let tile = Tile::new(gpu, pixels.min(TILE).min(structure.rays_a_submission()))?;
         let mut commands = gpu.commands("clear film");
         commands.clear(&film);
         commands.clear(&dropped);
@@ -157,11 +157,18 @@ impl<'a, S: GpuRayStructure> GpuPathTracer<'a, S> {
         let all = || Workgroups::Covering(n as u64);
         let (rays, shadows) = (DeviceRays::first(&tile.rays, n), DeviceRays::first(&tile.shadows, n));
         let [generate, shade, accumulate] = &self.kernels;
+        let most_casts = self.structure.rays_a_submission() / n.max(1);
+        let mut casts = 0;
         let mut commands = gpu.commands("trace paths");
         let shared = gpu.uniform("path parameters", &parameters)?;
         let binds = [(&shared).into(), (&tile.paths).into(), (&tile.rays).into(), (&tile.samples).into()];
         commands.stage("generate").clear(&tile.totals).dispatch(generate, &binds, all());
         for depth in 0..=self.settings.depth {
+            if casts > 0 && casts + 2 > most_casts {
+                std::mem::replace(&mut commands, gpu.commands("trace paths")).submit()?;
+                casts = 0;
+            }
+            casts += 2;
             let shared = gpu.uniform("path parameters", &PathParameters { depth, ..parameters })?;
             commands.stage("closest hits");
             self.structure.record_closest(&mut commands, &rays, &tile.hits)?;

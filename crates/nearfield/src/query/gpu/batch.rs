@@ -12,9 +12,22 @@ use crate::{Error, Result};
 pub(in crate::query) fn halving(
     n: usize,
     smallest: usize,
+    work: impl FnMut(Range<usize>) -> Result<()>,
+) -> Result<u32> {
+    halving_from(n, n, smallest, work)
+}
+
+/// As [`halving`], starting with ranges of at most `largest` elements.
+///
+/// # Errors
+/// As [`halving`].
+pub(in crate::query) fn halving_from(
+    n: usize,
+    largest: usize,
+    smallest: usize,
     mut work: impl FnMut(Range<usize>) -> Result<()>,
 ) -> Result<u32> {
-    let (mut start, mut size, mut batches) = (0, n, 0);
+    let (mut start, mut size, mut batches) = (0, n.min(largest.max(1)), 0);
     while start < n {
         let range = start..n.min(start + size);
         match work(range.clone()) {
@@ -65,6 +78,26 @@ mod tests {
         });
         assert_eq!(batches.unwrap(), 4);
         assert!(done.into_iter().eq(0..10_000));
+    }
+
+    #[test]
+    fn ranges_begin_no_larger_than_is_asked() {
+        let mut done = vec![];
+        let batches = halving_from(10_000, 4000, 256, |range| {
+            if range.len() > 3000 {
+                return Err(short_of_memory());
+            }
+            done.push(range.len());
+            Ok(())
+        });
+        assert_eq!((batches.unwrap(), done), (5, vec![2000; 5]));
+        let mut done = vec![];
+        halving_from(9000, 4000, 1, |range| {
+            done.push(range);
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(done, [0..4000, 4000..8000, 8000..9000]);
     }
 
     #[test]

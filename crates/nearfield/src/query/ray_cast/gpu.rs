@@ -1,5 +1,5 @@
-//! All ray queries of the GPU, over any [`GpuRayStructure`]: rays go up, answers come back, in batches where memory is
-//! short.
+//! All ray queries of the GPU, over any [`GpuRayStructure`]: rays go up, answers come back, in batches of bounded work,
+//! and in smaller ones where memory is short.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -11,7 +11,7 @@ use super::{HitCounts, HitLists, HitRecord, Hits, Occlusion, RaySearch};
 use crate::geometry::Ray;
 use crate::gpu::{Access, Bind, Buffer, Commands, DeviceElement, Gpu, Kernel, Workgroups};
 use crate::query::gpu::add_stages;
-use crate::query::gpu::batch::{halving, windows};
+use crate::query::gpu::batch::{halving_from, windows};
 use crate::query::{Report, Stage};
 use crate::structure::{GpuBruteForceMesh, GpuKdTree, GpuRayStructure, GpuTriangleBvh, PreparedTriangles, RayWork};
 use crate::{Error, Result};
@@ -41,19 +41,22 @@ fn report<S: GpuRayStructure>(structure: &S, code: &HitCode) -> Report {
     }
 }
 
-/// Runs `ask` on consecutive parts of the rays, as large as memory allows.
-fn in_batches(
+/// Runs `ask` on consecutive parts of the rays, no larger than a submission of the structure may be and than memory
+/// allows. Times of parts are added up.
+fn in_batches<S: GpuRayStructure>(
+    structure: &S,
     rays: &[Ray],
     report: &mut Report,
     mut ask: impl FnMut(Range<usize>, &mut Report) -> Result<()>,
 ) -> Result<()> {
-    report.batches = halving(rays.len(), FEW_RAYS, |range| {
+    report.batches += halving_from(rays.len(), structure.rays_a_submission(), FEW_RAYS, |range| {
         let n_stages = report.stages.len();
         let asked = ask(range, report);
         if asked.is_err() {
             // Times of a batch that is tried again would count its work twice.
             report.stages.truncate(n_stages);
         }
+        report.merge_stages(n_stages);
         asked
     })?;
     Ok(())
@@ -101,7 +104,7 @@ fn one_each<S: GpuRayStructure, T: DeviceElement>(
     let gpu = structure.gpu();
     let mut report = report(structure, code);
     let mut answers = Vec::with_capacity(rays.len());
-    in_batches(rays, &mut report, |range, report| {
+    in_batches(structure, rays, &mut report, |range, report| {
         let buffer: Buffer<T> = gpu.buffer("answers to rays", range.len())?;
         cast(structure, &rays[range], code, &[(&buffer).into()], report)?;
         let read = Instant::now();
@@ -139,7 +142,7 @@ fn closest_with_work<S: GpuRayStructure>(structure: &S, rays: &[Ray]) -> Result<
     let gpu = structure.gpu();
     let mut report = report(structure, &CLOSEST_WITH_WORK);
     let (mut records, mut works) = (Vec::with_capacity(rays.len()), Vec::with_capacity(rays.len()));
-    in_batches(rays, &mut report, |range, report| {
+    in_batches(structure, rays, &mut report, |range, report| {
         let hits: Buffer<HitRecord> = gpu.buffer("hits", range.len())?;
         let work: Buffer<RayWork> = gpu.buffer("work of rays", range.len())?;
         cast(structure, &rays[range], &CLOSEST_WITH_WORK, &[(&hits).into(), (&work).into()], report)?;
@@ -227,7 +230,7 @@ fn all<S: GpuRayStructure>(structure: &S, rays: &[Ray]) -> Result<HitLists> {
     let mut records = Vec::new();
     for window in windows(&counts, capacity) {
         let (rays, counts) = (&rays[window.clone()], &counts[window]);
-        in_batches(rays, &mut report, |range, report| {
+        in_batches(structure, rays, &mut report, |range, report| {
             records.extend(fill_rows(structure, &rays[range.clone()], &counts[range], report)?);
             Ok(())
         })?;

@@ -131,7 +131,8 @@ pub(super) fn record<S: GpuRayStructure>(
     Ok(())
 }
 
-/// Ray casting with rays and answers in device memory, recorded into the caller's commands.
+/// Ray casting with rays and answers in device memory, recorded into the caller's commands. How many rays a submission
+/// should cast at most, where a driver ends long ones, says [`GpuRayStructure::rays_a_submission`].
 pub trait RaysOnDevice {
     /// First hit of each ray: `hits[i]` for ray `i`, [`HitRecord::MISS`], [`HitRecord::INVALID`] or, on software
     /// devices that end long loops, [`HitRecord::ABANDONED`] with the largest f32 as t where there is none.

@@ -112,6 +112,10 @@ impl GpuRayStructure for GpuBruteForceMesh {
         (self.triangles.len() as u64).div_ceil(TRIANGLES_A_ROUND) + 1
     }
 
+    fn expected_tests(&self) -> u64 {
+        self.triangles.len() as u64
+    }
+
     fn build_stages(&self) -> &[BuildStage] {
         &self.stages
     }

@@ -37,7 +37,22 @@ pub struct GpuKdTree {
     nodes: Buffer<KdNode>,
     leaves: Buffer<KdLeaf>,
     references: Buffer<u32>,
+    expected_tests: u64,
     stages: Vec<BuildStage>,
+}
+
+/// Leaves whose triangles a ray is tested against, about: into Accel's bunny rays meet at most 3.4, 8.8 and 33 times the
+/// limit of leaves of 2000, 200 and 20 triangles, and a fraction of that on average.
+const LEAVES_MET: u64 = 4;
+/// Fewest tests that are reckoned with.
+const FEWEST_TESTS: u64 = 64;
+
+/// Triangles that a ray is tested against, about.
+fn expected_tests(tree: &KdTree) -> u64 {
+    // A tree that ran into its bounds has leaves beyond the limit.
+    let mean = tree.references().len().div_ceil(tree.leaves().len().max(1)) as u64;
+    let leaf = mean.max(tree.settings().leaf_limit.into());
+    (LEAVES_MET * leaf).min(tree.triangles().len() as u64).max(FEWEST_TESTS)
 }
 
 impl GpuKdTree {
@@ -66,6 +81,7 @@ impl GpuKdTree {
             leaves: gpu.upload("leaves of the kd-tree", tree.leaves())?,
             references: gpu.upload("references of the kd-tree", tree.references())?,
             triangles,
+            expected_tests: expected_tests(tree),
             stages: tree.build_stages().to_vec(),
         };
         uploaded.stages.push(BuildStage::on_host("upload", start));
@@ -104,6 +120,10 @@ impl GpuRayStructure for GpuKdTree {
             (Access::Read, (&self.leaves).into()),
             (Access::Read, (&self.references).into()),
         ]
+    }
+
+    fn expected_tests(&self) -> u64 {
+        self.expected_tests
     }
 
     fn build_stages(&self) -> &[BuildStage] {
