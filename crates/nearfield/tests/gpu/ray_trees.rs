@@ -4,11 +4,11 @@ use libtest_mimic::Trial;
 use nearfield::geometry::generate::{self, MeshKind};
 use nearfield::gpu::Gpu;
 use nearfield::{
-    BvhSettings, GpuBruteForceMesh, GpuTriangleBvh, HitRecord, Ray, RaySearch, TriMesh, TriangleBvh, Vec3,
+    BvhSettings, Error, GpuBruteForceMesh, GpuTriangleBvh, HitRecord, Ray, RaySearch, TriMesh, TriangleBvh, Vec3,
 };
 
 use crate::SEED;
-use crate::support::{Random, gpu_trial};
+use crate::support::{Random, gpu_trial, own_context};
 
 const N_RAYS: usize = 10_000;
 
@@ -19,6 +19,9 @@ pub(crate) fn trials() -> Vec<Trial> {
     vec![
         gpu_trial("triangle_bvh_names_the_triangles_of_brute_force", names_the_same_triangles),
         gpu_trial("triangle_bvh_takes_triangles_that_cannot_be_hit", takes_degenerate_triangles),
+        gpu_trial("triangle_bvh_follows_triangles_that_move", follows_triangles_that_move),
+        gpu_trial("triangle_bvh_takes_triangles_that_lose_and_gain_an_area", loses_and_gains_area),
+        gpu_trial("triangle_bvh_refuses_a_refit_and_stays", refuses_a_refit_and_stays),
         gpu_trial("triangle_bvh_of_the_cpu_goes_to_the_device", goes_to_the_device),
     ]
 }
@@ -107,6 +110,95 @@ fn takes_degenerate_triangles(gpu: &Gpu) {
     let bvh = GpuTriangleBvh::build(gpu, &flat, &BvhSettings::default()).unwrap();
     assert_eq!(bvh.broken_invariant().unwrap(), None);
     assert_eq!(bvh.closest_hits(&rays(&flat)).unwrap().n_hits(), 0);
+}
+
+/// Twisted about z, so that triangles which were far apart come together.
+fn twisted(mesh: &TriMesh) -> TriMesh {
+    let (size, center) = (mesh.bounds().diagonal(), mesh.bounds().center());
+    moved(mesh, |v| {
+        let (sin, cos) = (3.0 * (v.z - center.z) / size).sin_cos();
+        let local = v - center;
+        center + Vec3::new(cos * local.x - sin * local.y, sin * local.x + cos * local.y, 1.5 * local.z)
+    })
+}
+
+fn follows_triangles_that_move(gpu: &Gpu) {
+    let soup = generate::mesh(MeshKind::Soup, 3000, SEED);
+    let cases = [
+        ("icosphere", generate::mesh(MeshKind::Icosphere, 1280, 0)),
+        ("flat", moved(&soup, |v| v * Vec3::new(1.0, 1.0, 0.0))),
+        ("one triangle", TriMesh { triangles: vec![soup.triangles[0]], ..soup.clone() }),
+        ("equal triangles", TriMesh { triangles: vec![soup.triangles[0]; 300], ..soup.clone() }),
+        ("scaled down", moved(&soup, |v| v * 1e-6)),
+        ("scaled up", moved(&soup, |v| v * 1e6)),
+        ("shifted", moved(&soup, |v| v + 1e6)),
+        ("soup", soup),
+    ];
+    for (name, mesh) in cases {
+        let mut bvh = GpuTriangleBvh::build(gpu, &mesh, &BvhSettings::default()).unwrap();
+        let n_nodes = bvh.nodes().len();
+        for now in [twisted(&mesh), moved(&mesh, |v| v * 16.0), twisted(&twisted(&mesh)), mesh.clone()] {
+            bvh.refit(&now).unwrap();
+            assert_eq!(bvh.broken_invariant().unwrap(), None, "{name}");
+            assert_eq!(bvh.nodes().len(), n_nodes, "{name}");
+            let stages = RaySearch::build_stages(&bvh);
+            assert!(stages.iter().any(|stage| stage.name == "copy and fit"), "{name}: {stages:?}");
+            let brute = GpuBruteForceMesh::build(gpu, &now).unwrap();
+            assert_same(name, &bvh, &brute, &rays(&now)[..3000]);
+        }
+        // Back where they were, boxes are as tight as new ones, but for a step of rounding each.
+        let fresh = GpuTriangleBvh::build(gpu, &mesh, &BvhSettings::default()).unwrap();
+        let boxes = |bvh: &GpuTriangleBvh| -> u64 {
+            let (_, work) = bvh.closest_hits_with_work(&rays(&mesh)[..3000]).unwrap();
+            work.iter().map(|work| u64::from(work.node_visits + work.triangle_tests)).sum()
+        };
+        let (refitted, fresh) = (boxes(&bvh), boxes(&fresh));
+        assert!(10 * refitted <= 11 * fresh, "{name}: {refitted} boxes and triangles instead of {fresh}");
+    }
+}
+
+fn loses_and_gains_area(gpu: &Gpu) {
+    let mesh = generate::mesh(MeshKind::Soup, 200, SEED);
+    let mut flat = mesh.clone();
+    (0..100).for_each(|i| flat.vertices[3 * i] = flat.vertices[3 * i + 1]);
+    for (first, then) in [(&mesh, &flat), (&flat, &mesh)] {
+        let mut bvh = GpuTriangleBvh::build(gpu, first, &BvhSettings::default()).unwrap();
+        for now in [then, first] {
+            bvh.refit(now).unwrap();
+            assert_eq!(bvh.broken_invariant().unwrap(), None);
+            assert_same("area", &bvh, &GpuBruteForceMesh::build(gpu, now).unwrap(), &rays(&mesh)[..2000]);
+        }
+    }
+    let nothing = TriMesh { vertices: vec![Vec3::ONE; mesh.vertices.len()], ..mesh.clone() };
+    let mut bvh = GpuTriangleBvh::build(gpu, &nothing, &BvhSettings::default()).unwrap();
+    bvh.refit(&nothing).unwrap();
+    assert_eq!(bvh.closest_hits(&rays(&mesh)).unwrap().n_hits(), 0);
+}
+
+fn refuses_a_refit_and_stays(gpu: &Gpu) {
+    let gpu = own_context(gpu);
+    let mesh = generate::mesh(MeshKind::Soup, 100, SEED);
+    let rays = rays(&mesh);
+    let mut bvh = GpuTriangleBvh::build(&gpu, &mesh, &BvhSettings::default()).unwrap();
+    let before = bvh.closest_hits(&rays).unwrap().records().to_vec();
+    let fewer = TriMesh { triangles: mesh.triangles[1..].to_vec(), ..mesh.clone() };
+    assert!(bvh.refit(&fewer).unwrap_err().to_string().contains("99"));
+    let mut broken = twisted(&mesh);
+    broken.vertices[7].y = f32::NAN;
+    assert!(matches!(bvh.refit(&broken), Err(Error::NonFinite { .. })));
+    for n in 0.. {
+        gpu.refuse_allocation(Some(n));
+        let refitted = bvh.refit(&twisted(&mesh));
+        let not_reached = gpu.refuse_allocation(None);
+        if refitted.is_ok() {
+            assert!(not_reached && n > 3, "only {n} allocations");
+            break;
+        }
+        assert!(matches!(refitted, Err(Error::OutOfDeviceMemory { .. })), "{refitted:?}");
+        assert_eq!(bvh.broken_invariant().unwrap(), None, "allocation {n}");
+        assert_eq!(bvh.closest_hits(&rays).unwrap().records(), before, "allocation {n}");
+    }
+    assert_eq!(bvh.broken_invariant().unwrap(), None);
 }
 
 fn goes_to_the_device(gpu: &Gpu) {

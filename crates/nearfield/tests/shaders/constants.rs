@@ -37,6 +37,9 @@ fn numbers_of_rays_are_the_same_on_both_sides() {
     {
         assert_eq!(constant(&module, name).map(f32::to_bits), Some(value.to_bits()), "{name}");
     }
+    let fit = parse(&compose("package::structure::triangle_bvh::fit", &[], &[], true).unwrap()).unwrap();
+    let slack = nearfield::structure::triangle_bvh::SLACK as f32;
+    assert_eq!(constant(&fit, "SLACK").map(f32::to_bits), Some(slack.to_bits()), "SLACK");
 }
 
 #[test]

@@ -10,14 +10,14 @@ use crate::structure::PreparedTriangles;
 /// Most triangles of a leaf: a child has eight bits, five of which say where its triangles begin.
 pub(super) const LEAF: u32 = 3;
 /// Boxes are wider than on the CPU by this many longest sides of the bounds: 2⁻¹⁹ covers the rounding of the walk's
-/// arithmetic, which is one fused step a plane and off by at most 7 · 2⁻²⁴ of them.
-const SLACK: f64 = 1.0 / (1u32 << 19) as f64;
+/// arithmetic, which is one fused step a plane and off by at most 7 · 2⁻²⁴ of them. Twin of `SLACK` in fit.wesl.
+pub const SLACK: f64 = 1.0 / (1u32 << 19) as f64;
 /// Bit of `slots` from which on children that are nodes stand.
 const FIRST_NODE_BIT: u8 = 24;
 /// Steps of a box along each axis.
 const STEPS: f64 = 255.0;
 
-/// A node on the GPU; `CompressedNode` in trace.wesl, byte for byte.
+/// A node on the GPU; `CompressedNode` in compressed_node.wesl, byte for byte.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct CompressedNode {
@@ -188,10 +188,6 @@ fn in_slots(node: &WideNode) -> [Option<usize>; WIDTH] {
 impl Compressed {
     /// The first broken invariant of the module's page, in words; `None` for a sound tree.
     pub(super) fn broken_invariant(&self, prepared: &PreparedTriangles) -> Option<String> {
-        let (space, n_area) = (prepared.space(), super::build::primitives(prepared).len());
-        if self.triangles.len() != n_area {
-            return Some(format!("1: {} of {n_area} triangles are in leaves", self.triangles.len()));
-        }
         let mut seen = vec![false; prepared.len()];
         let mut n_parents = vec![0; self.nodes.len()];
         for (place, node) in self.nodes.iter().enumerate() {
@@ -204,6 +200,9 @@ impl Compressed {
                             if std::mem::replace(&mut seen[triangle.index as usize], true) {
                                 return Some(format!("1: triangle {} stands twice", triangle.index));
                             }
+                            if *triangle != prepared.as_slice()[triangle.index as usize] {
+                                return Some(format!("1: triangle {} is not the one prepared", triangle.index));
+                            }
                         }
                     }
                     None => {}
@@ -213,7 +212,10 @@ impl Compressed {
         if n_parents[1..].iter().any(|&n| n != 1) {
             return Some("3: a node has no parent, or two".to_owned());
         }
-        self.broken_boxes(space)
+        if let Some(lost) = prepared.as_slice().iter().zip(seen).find(|(triangle, seen)| triangle.has_area() && !seen) {
+            return Some(format!("1: triangle {} is in no leaf", lost.0.index));
+        }
+        self.broken_boxes(prepared.space())
     }
 
     /// Decoded boxes hold the widened boxes of all triangles below.

@@ -8,7 +8,7 @@
 //! Woop2013 for the triangle test. Differs: leaves hold blocks of eight triangles on the CPU; boxes are widened by
 //! the margin of [`crate::geometry::RaySpace`], so that answers are those of brute force to the bit; splits go by the
 //! median below a depth of 48, so that stacks have a bound. Cost: 48 bytes a prepared triangle, on the CPU about 85 more
-//! and on the GPU 80 a node; build O(n log n); refit O(n). When to use: whenever rays are cast at a mesh; a kd-tree
+//! and on the GPU 80 a node; build O(n log n) on the CPU; refit O(n) on both. When to use: whenever rays are cast at a mesh; a kd-tree
 //! with ropes meets triangles in the order of the ray, brute force needs no build.
 //!
 //! Invariants:
@@ -24,6 +24,8 @@ mod collapse;
 mod compress;
 mod cpu;
 #[cfg(feature = "gpu")]
+mod fitter;
+#[cfg(feature = "gpu")]
 mod gpu;
 mod layout;
 mod refit;
@@ -37,6 +39,9 @@ mod walk_simd;
 
 #[cfg(feature = "gpu")]
 pub use compress::CompressedNode;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use compress::SLACK;
 pub use cpu::TriangleBvh;
 #[cfg(feature = "gpu")]
 pub use gpu::GpuTriangleBvh;
