@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use nearfield::io::{Format, Polygons};
 use nearfield::query::{Clock, Stage};
-use nearfield::{HitRecord, Ray, RayWork, TriMesh, Vec3};
+use nearfield::{HitRecord, Ray, RayTask, RayWork, TriMesh, Vec3};
 use rayon::prelude::*;
 
 use crate::exit::Failure;
@@ -173,14 +173,18 @@ pub(crate) fn run(args: &HeatmapArgs, common: &Common) -> Result<(), Failure> {
     common.allow("rays and their work", rays * each).map_err(Failure::Search)?;
 
     progress.step("building the structure");
+    let task = RayTask::new(rays);
+    let plan = plan.expecting(if args.metric == Metric::RopeSteps { task.with_ropes() } else { task });
     let warm = |search: &dyn nearfield::RaySearch, rays: &[Ray]| search.closest_hits_with_work(rays).map(drop);
     let built = Built::of(&mesh, &args.structure, plan, &mut times, &mut notes, warm)
         .map_err(|error| failed(&args.input, error))?;
     let rays = args.rays(&mesh);
-    let cast = Cast::all(&built, &rays, mesh.triangles.len(), &progress).map_err(Failure::Search)?;
-    times.query = cast.milliseconds;
+    progress.step("casting rays");
+    let clock = Instant::now();
+    let (hits, work) = built.rays.search().closest_hits_with_work(&rays).map_err(Failure::Search)?;
+    times.query = milliseconds(clock);
     progress.step("counting");
-    let summaries = Metric::ALL.map(|metric| Summary::of(cast.work.iter().map(|work| metric.of(work)).collect()));
+    let summaries = Metric::ALL.map(|metric| Summary::of(work.iter().map(|work| metric.of(work)).collect()));
     let mut map = Heatmap {
         name: file_name(&args.input),
         triangles: mesh.triangles.len() as u64,
@@ -188,10 +192,10 @@ pub(crate) fn run(args: &HeatmapArgs, common: &Common) -> Result<(), Failure> {
         size: args.size,
         device: built.rays.search().device(),
         built,
-        records: cast.records,
-        work: cast.work,
+        records: hits.records().to_vec(),
+        work,
         summaries,
-        stages: cast.stages,
+        stages: hits.report.stages,
         times,
         notes,
     };
@@ -210,39 +214,6 @@ pub(crate) fn run(args: &HeatmapArgs, common: &Common) -> Result<(), Failure> {
     }
     drop(progress);
     args.tell(&map, common)
-}
-
-/// What all rays gave.
-struct Cast {
-    records: Vec<HitRecord>,
-    work: Vec<RayWork>,
-    stages: Vec<Stage>,
-    milliseconds: f64,
-}
-
-impl Cast {
-    /// Casts the rays, in parts where they take long enough to wait for.
-    fn all(built: &Built, rays: &[Ray], triangles: usize, progress: &Progress) -> nearfield::Result<Self> {
-        /// Triangle tests of a part of the rays.
-        const TESTS: usize = 1 << 31;
-        let part = if built.plan.tests_all() { (TESTS / triangles.max(1)).max(1024) } else { rays.len() };
-        let mut cast = Self { records: Vec::new(), work: Vec::new(), stages: Vec::new(), milliseconds: 0.0 };
-        for (i, rays_of_part) in rays.chunks(part.max(1)).enumerate() {
-            progress.step(format!("casting rays, {} %", 100 * i * part / rays.len()));
-            let clock = Instant::now();
-            let (hits, work) = built.rays.search().closest_hits_with_work(rays_of_part)?;
-            cast.milliseconds += milliseconds(clock);
-            cast.records.extend_from_slice(hits.records());
-            cast.work.extend(work);
-            for stage in hits.report.stages {
-                match cast.stages.iter_mut().find(|s| s.name == stage.name && s.clock == stage.clock) {
-                    Some(sum) => sum.milliseconds += stage.milliseconds,
-                    None => cast.stages.push(stage),
-                }
-            }
-        }
-        Ok(cast)
-    }
 }
 
 impl HeatmapArgs {

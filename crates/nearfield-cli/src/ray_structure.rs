@@ -4,12 +4,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use nearfield::gpu::DeviceChoice;
+use nearfield::gpu::{AdapterKind, DeviceChoice};
 use nearfield::query::Stage;
 use nearfield::structure::{GpuRayStructure, RayStructure};
 use nearfield::{
     BruteForceMesh, BvhSettings, Gpu, GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, KdBuild, KdStats, KdTraversal,
-    KdTree, KdTreeSettings, Ray, RaySearch, TriMesh, TriangleBvh, Vec3,
+    KdTree, KdTreeSettings, Ray, RaySearch, RayStructureChoice, RayTask, TriMesh, TriangleBvh, Vec3,
 };
 
 use crate::exit::Failure;
@@ -19,8 +19,8 @@ use crate::report::{Times, milliseconds};
 /// Which structure is searched, and where.
 #[derive(Debug, Args)]
 pub(crate) struct StructureArgs {
-    /// What finds the triangles along a ray; bounding-box is brute force for rays that meet the mesh's box [default:
-    /// kd-tree for heat maps, else triangle-bvh]
+    /// What finds the triangles along a ray; auto takes what is fastest for the number of rays and triangles, and says why;
+    /// bounding-box is brute force for rays that meet the mesh's box [default: kd-tree for heat maps, else auto]
     #[arg(long, value_name = "S")]
     structure: Option<Structure>,
 
@@ -44,6 +44,7 @@ pub(crate) struct StructureArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Structure {
+    Auto,
     BruteForce,
     BoundingBox,
     KdTree,
@@ -69,8 +70,15 @@ const MEDIAN_LEAF: u32 = 20;
 /// What is built, said once for all devices.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Plan {
-    BruteForce { within_box: bool },
-    KdTree { settings: KdTreeSettings, traversal: KdTraversal },
+    /// What is fastest for these rays.
+    Auto(RayTask),
+    BruteForce {
+        within_box: bool,
+    },
+    KdTree {
+        settings: KdTreeSettings,
+        traversal: KdTraversal,
+    },
     TriangleBvh,
 }
 
@@ -88,6 +96,7 @@ impl StructureArgs {
             }
         }
         Ok(match structure {
+            Structure::Auto => Plan::Auto(RayTask::new(0)),
             Structure::BruteForce => Plan::BruteForce { within_box: false },
             Structure::BoundingBox => Plan::BruteForce { within_box: true },
             Structure::TriangleBvh => Plan::TriangleBvh,
@@ -115,9 +124,29 @@ impl StructureArgs {
 }
 
 impl Plan {
+    /// The same, knowing what rays are to be cast.
+    pub(crate) fn expecting(self, task: RayTask) -> Self {
+        if let Self::Auto(_) = self { Self::Auto(task) } else { self }
+    }
+
+    /// What is built over so many triangles on a GPU of that kind or on the CPU, and why, where that was left open.
+    fn chosen(self, triangles: usize, device: Option<AdapterKind>) -> (Self, Option<String>) {
+        let Self::Auto(task) = self else { return (self, None) };
+        let (structure, reason) = task.choose(triangles, device);
+        let plan = match structure {
+            RayStructureChoice::BruteForce => Self::BruteForce { within_box: false },
+            RayStructureChoice::KdTree => {
+                Self::KdTree { settings: KdTreeSettings::default(), traversal: KdTraversal::Ropes }
+            }
+            RayStructureChoice::TriangleBvh | RayStructureChoice::Auto => Self::TriangleBvh,
+        };
+        (plan, Some(reason))
+    }
+
     /// What is built in a few words, for pictures and summaries.
     pub(crate) fn describe(&self) -> String {
         match self {
+            Self::Auto(_) => "auto".to_owned(),
             Self::BruteForce { within_box: false } => "brute force".to_owned(),
             Self::BruteForce { within_box: true } => "brute force within the bounding box".to_owned(),
             Self::TriangleBvh => "triangle BVH".to_owned(),
@@ -127,11 +156,6 @@ impl Plan {
                 KdBuild::ExactSah => "kd-tree, exact SAH".to_owned(),
             },
         }
-    }
-
-    /// Whether every ray may be tested against every triangle.
-    pub(crate) fn tests_all(&self) -> bool {
-        matches!(self, Self::BruteForce { .. })
     }
 }
 
@@ -161,6 +185,8 @@ pub(crate) struct Built {
     /// Name of the way it is searched.
     pub(crate) walk: &'static str,
     pub(crate) plan: Plan,
+    /// Why this structure, where it was chosen here.
+    pub(crate) reason: Option<String>,
     pub(crate) memory_bytes: u64,
     pub(crate) stages: Vec<Stage>,
     /// Figures of a kd-tree.
@@ -185,16 +211,20 @@ impl Built {
     ) -> nearfield::Result<Self> {
         let clock = Instant::now();
         let on_gpu = |gpu: &Gpu| {
+            let (plan, reason) = plan.chosen(mesh.triangles.len(), Some(gpu.kind()));
             let built = Self::on_gpu(gpu, mesh, plan)?;
             warm(built.rays.search(), &[Ray::new(Vec3::ZERO, Vec3::X)])?;
-            Ok(built)
+            Ok(Self { reason, ..built })
         };
         match fallback::on_gpu(&args.device, notes, on_gpu)? {
             Some(built) => {
                 times.built(milliseconds(clock), &built.stages);
                 Ok(built)
             }
-            None => Self::on_cpu(mesh, plan, times),
+            None => {
+                let (plan, reason) = plan.chosen(mesh.triangles.len(), None);
+                Ok(Self { reason, ..Self::on_cpu(mesh, plan, times)? })
+            }
         }
     }
 
@@ -210,7 +240,7 @@ impl Built {
                 let stats = tree.stats();
                 Self { kd: Some(stats), ..Self::cpu(tree, plan) }
             }
-            Plan::TriangleBvh => {
+            Plan::TriangleBvh | Plan::Auto(_) => {
                 let bvh = TriangleBvh::build(mesh, &BvhSettings::default())?;
                 let counts = [bvh.n_nodes() as u64, bvh.n_leaves() as u64];
                 Self { bvh: Some(counts), ..Self::cpu(bvh, plan) }
@@ -224,6 +254,7 @@ impl Built {
         Self {
             walk: RayStructure::search(&structure),
             plan,
+            reason: None,
             memory_bytes: RaySearch::memory_bytes(&structure),
             stages: RaySearch::build_stages(&structure),
             kd: None,
@@ -243,7 +274,7 @@ impl Built {
                 let tree = KdTree::build(mesh, &settings)?;
                 (Self::gpu(Rays::GpuKdTree(GpuKdTree::upload(gpu, &tree)?), plan), Some(tree.stats()))
             }
-            Plan::TriangleBvh => {
+            Plan::TriangleBvh | Plan::Auto(_) => {
                 let bvh = GpuTriangleBvh::build(gpu, mesh, &BvhSettings::default())?;
                 (Self::gpu(Rays::GpuTriangleBvh(bvh), plan), None)
             }
@@ -259,7 +290,7 @@ impl Built {
             Rays::GpuTriangleBvh(structure) => GpuRayStructure::search(structure),
         };
         let (memory_bytes, stages) = (rays.search().memory_bytes(), rays.search().build_stages());
-        Self { rays, walk, plan, memory_bytes, stages, kd: None, bvh: None }
+        Self { rays, walk, plan, reason: None, memory_bytes, stages, kd: None, bvh: None }
     }
 }
 

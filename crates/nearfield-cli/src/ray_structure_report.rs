@@ -11,6 +11,7 @@ impl Built {
         json!({
             "name": self.rays.search().structure(),
             "description": self.plan.describe(),
+            "reason": self.reason,
             "walk": self.walk,
             "memory_bytes": self.memory_bytes,
             "nodes": self.kd.map(|kd| kd.nodes).or(self.bvh.map(|[nodes, _]| nodes)),
@@ -37,6 +38,9 @@ impl Built {
         }
         if let Some([nodes, leaves]) = self.bvh {
             line += &format!("; {} nodes, {} leaves", grouped(nodes), grouped(leaves));
+        }
+        if let Some(reason) = &self.reason {
+            line += &format!("; {reason}");
         }
         line
     }

@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use nearfield::io::{Format, Polygons};
 use nearfield::query::Stage;
-use nearfield::{Ray, RaySearch, TriMesh};
+use nearfield::{Ray, RayQuery, RaySearch, RayTask, TriMesh};
 use serde_json::{Value, json};
 
 use crate::exit::Failure;
@@ -88,6 +88,15 @@ impl Question {
         ["closest", "any", "count", "all"][self as usize]
     }
 
+    fn ray_query(self) -> RayQuery {
+        match self {
+            Self::Closest => RayQuery::Closest,
+            Self::Any => RayQuery::Any,
+            Self::Count => RayQuery::Count,
+            Self::All => RayQuery::All,
+        }
+    }
+
     fn ask(self, search: &dyn RaySearch, rays: &[Ray]) -> nearfield::Result<Answer> {
         Ok(match self {
             Self::Closest => Answer::Closest(search.closest_hits(rays)?),
@@ -117,7 +126,7 @@ struct Told {
 }
 
 pub(crate) fn run(args: &RaycastArgs, common: &Common) -> Result<(), Failure> {
-    let plan = args.structure.plan(Structure::TriangleBvh)?;
+    let plan = args.structure.plan(Structure::Auto)?;
     args.check_files()?;
     let (mut times, mut notes) = (Times::default(), Vec::new());
     let progress = Progress::start(common, format!("reading {}", args.input.display()));
@@ -130,6 +139,7 @@ pub(crate) fn run(args: &RaycastArgs, common: &Common) -> Result<(), Failure> {
     let invalid = invalid(&rays, &mut notes);
 
     progress.step("building the structure");
+    let plan = plan.expecting(RayTask::new(rays.len() as u64).asking(args.query.ray_query()));
     let warm = |search: &dyn RaySearch, rays: &[Ray]| args.query.ask(search, rays).map(drop);
     let built = Built::of(&mesh, &args.structure, plan, &mut times, &mut notes, warm)
         .map_err(|error| failed(&args.input, error))?;

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
-use nearfield::RaySearch;
 use nearfield::application::{Film, GpuPathTracer, PathCounters, PathSettings, PathTracer, Scene};
 use nearfield::structure::GpuRayStructure;
+use nearfield::{RaySearch, RayTask};
 use serde_json::{Value, json};
 
 use crate::exit::Failure;
@@ -175,7 +175,7 @@ struct Told<'a> {
 }
 
 pub(crate) fn run(args: &RenderArgs, common: &Common) -> Result<(), Failure> {
-    let plan = args.structure.plan(Structure::TriangleBvh)?;
+    let plan = args.structure.plan(Structure::Auto)?.expecting(args.task());
     let format = args.check()?;
     let (mut times, mut notes) = (Times::default(), Vec::new());
     let progress = Progress::start(common, format!("reading {}", args.input.display()));
@@ -244,6 +244,13 @@ impl RenderArgs {
     /// What is rendered.
     fn source(&self) -> Source<'_> {
         Source { path: &self.input, up: self.up, size: self.size }
+    }
+
+    /// The rays that a structure is chosen for: a path of up to ten scatterings casts about five, those to lights included.
+    fn task(&self) -> RayTask {
+        const RAYS_OF_A_PATH: u64 = 5;
+        let pixels = u64::from(self.size.width) * u64::from(self.size.height);
+        RayTask::new(RAYS_OF_A_PATH * pixels * u64::from(self.spp))
     }
 
     fn development(&self, format: PictureFormat, is_last: bool) -> Development {

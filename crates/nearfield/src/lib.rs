@@ -45,8 +45,8 @@ pub use query::{
 };
 #[cfg(feature = "gpu")]
 pub use query::{
-    DeviceRays, ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index, IndexSettings,
-    RaysOnDevice, SearchOnDevice, StructureChoice, Visitor,
+    DeviceRays, ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, RayIndex,
+    RayIndexSettings, RayQuery, RayStructureChoice, RayTask, RaysOnDevice, SearchOnDevice, StructureChoice, Visitor,
 };
 pub use structure::{
     AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BruteForceMesh, BuildOrder, BvhSettings,

@@ -208,6 +208,29 @@ fn rays_of_a_file_find_their_triangles() {
 }
 
 #[test]
+fn auto_takes_what_the_rays_are_worth_and_says_why() {
+    let folder = with_plates("raycast-auto");
+    fs::write(folder.path("rays.txt"), RAYS).unwrap();
+    folder.ok("generate icosphere -n 20480 -o ball.ply -q");
+    let auto = "raycast plates.obj --rays rays.txt --device cpu --structure auto";
+    let few = folder.json(&format!("{auto} --json -o few.npz"))["structure"].clone();
+    let reason = few["reason"].as_str().unwrap();
+    assert!(few["name"] == "brute-force" && reason.contains("5 rays into 4 triangles"), "{few}");
+    let told = folder.ok(&format!("{auto} --force -o few.npz"));
+    assert!(told.contains("auto chose brute-force: 5 rays into 4 triangles"), "{told}");
+    let map = "heatmap ball.ply --size 200x200 --device cpu --force --json -o map.png";
+    let many = folder.json(&format!("{map} --structure auto"))["structure"].clone();
+    assert!(many["name"] == "triangle-bvh" && many["reason"].as_str().unwrap().contains("40000 rays"), "{many}");
+    let ropes = folder.json(&format!("{map} --structure auto --metric rope-steps"))["structure"].clone();
+    assert_eq!(
+        (&ropes["name"], &ropes["reason"]),
+        (&json!("kd-tree"), &json!("auto chose kd-tree: only the kd-tree has ropes"))
+    );
+    let named = folder.json(&format!("{map} --structure kd-tree"))["structure"].clone();
+    assert!(named["reason"].is_null(), "{named}");
+}
+
+#[test]
 fn rays_into_map_coordinates_keep_their_millimetres() {
     let folder = Folder::new("raycast-map");
     fs::write(folder.path("far.obj"), "v 637000 5403000 0\nv 637001 5403000 0\nv 637000 5403001 0\nf 1 2 3\n").unwrap();

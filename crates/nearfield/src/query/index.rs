@@ -100,7 +100,7 @@ impl Index {
         let gpu = match Gpu::open(&settings.device) {
             Ok(gpu) => gpu,
             Err(error) if settings.device == DeviceChoice::Auto => {
-                notes.push(format!("the GPU could not be used ({error}); the CPU did the work"));
+                notes.push(taken_over("the GPU", &error));
                 None
             }
             Err(error) => return Err(error),
@@ -240,7 +240,7 @@ impl Substitute {
 }
 
 /// The note on a GPU that the CPU replaced.
-fn taken_over(device: &str, error: &Error) -> String {
+pub(super) fn taken_over(device: &str, error: &Error) -> String {
     format!("{device} could not be used ({error}); the CPU did the work")
 }
 

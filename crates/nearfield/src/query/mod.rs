@@ -22,6 +22,10 @@ mod neighbors;
 mod occupancy;
 mod packs;
 mod ray_cast;
+#[cfg(feature = "gpu")]
+mod ray_choice;
+#[cfg(feature = "gpu")]
+mod ray_index;
 mod report;
 mod rows;
 mod search;
@@ -51,5 +55,9 @@ pub use ray_cast::{HitCounts, HitLists, HitRecord, Hits, Occlusion, RayHit, RayS
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
 pub use ray_cast::{RayBatch, SortBatch};
+#[cfg(feature = "gpu")]
+pub use ray_choice::{RayQuery, RayStructureChoice, RayTask};
+#[cfg(feature = "gpu")]
+pub use ray_index::{RayIndex, RayIndexSettings};
 pub use report::{Clock, Report, Stage};
 pub use search::NeighborSearch;
