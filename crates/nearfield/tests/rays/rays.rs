@@ -58,7 +58,7 @@ impl Source<'_> {
                 let axis = self.axis();
                 // Half of them through a vertex, where planes of boxes lie.
                 let through = if self.random.below(2) == 0 { self.triangle()[0] } else { self.place() };
-                Ray::new(through - axis * (2.0 * self.reach), axis)
+                Ray::new(through - axis * ((1.5 + self.unit()) * self.reach), axis)
             }
             "at vertices" => {
                 let (from, at) = (self.place(), self.triangle()[1]);
@@ -97,8 +97,8 @@ impl Source<'_> {
                 Ray { t_min: low, t_max: low + length, ..toward(from, at) }
             }
             "along edges" => {
-                let [a, b, _] = self.triangle();
-                Ray::new(a - 0.5 * (b - a), b - a)
+                let ([a, b, _], before) = (self.triangle(), self.unit());
+                Ray::new(a - before * (b - a), b - a)
             }
             _ => Ray::new(self.place(), self.direction()),
         }
@@ -122,19 +122,38 @@ pub(crate) fn rays(mesh: &TriMesh, kind: &str, n: usize, seed: u64) -> Vec<Ray> 
         .collect()
 }
 
-/// Rays from the centre, half of them at vertices: none of them leaves a closed mesh.
-pub(crate) fn from_inside(mesh: &TriMesh, n: usize, seed: u64) -> Vec<Ray> {
-    let center = mesh.bounds().center();
-    let mut source = Source { mesh, random: Random(seed), center, reach: 1.0 };
+/// Rays that cannot miss a closed mesh, from places inside it and at them from beyond it, through vertices, edges and faces:
+/// the rays, and whether each must hit at t <= 1 already.
+pub(crate) fn cannot_miss(mesh: &TriMesh, inside: &[Vec3], n: usize, seed: u64) -> Vec<(Ray, bool)> {
+    let bounds = mesh.bounds();
+    let reach = bounds.extent().max_element();
+    let mut source = Source { mesh, random: Random(seed), center: bounds.center(), reach };
     (0..n)
-        .map(|i| match i % 4 {
-            0 => toward(center, source.triangle()[0]),
-            1 => {
-                let [a, b, _] = source.triangle();
-                toward(center, 0.5 * (a + b))
+        .map(|i| {
+            let place = inside[source.random.below(inside.len() as u32) as usize];
+            let ([a, b, c], u, v) = (source.triangle(), source.unit(), source.unit());
+            let through = match i % 5 {
+                0 => a,
+                1 => a + u * (b - a),
+                2 => a + u * (b - a) + (1.0 - u) * v * (c - a),
+                3 => place + source.axis() * reach,
+                _ => place + source.direction() * reach,
+            };
+            if i / 5 % 2 == 0 {
+                return (toward(place, through), false);
             }
-            2 => Ray::new(center, source.direction()),
-            _ => Ray::new(center, source.axis()),
+            // Beyond the bounds, whatever lies between.
+            let away = (through - place).normalize_or(Vec3::X);
+            (toward(place + away * (3.0 * reach), place), true)
         })
         .collect()
+}
+
+/// How many of the rays differ.
+pub(crate) fn distinct(rays: &[Ray]) -> usize {
+    let bits = |ray: &Ray| [ray.origin.to_array(), ray.direction.to_array(), [ray.t_min, ray.t_max, 0.0]];
+    let mut all: Vec<[[u32; 3]; 3]> = rays.iter().map(|ray| bits(ray).map(|row| row.map(f32::to_bits))).collect();
+    all.sort_unstable();
+    all.dedup();
+    all.len()
 }
