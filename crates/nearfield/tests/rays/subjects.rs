@@ -103,11 +103,14 @@ impl Answers {
     }
 }
 
-/// The largest share of rays that may be in doubt: those of a set pass an outline by chance as often as outlines are many
-/// and the margin wide, but those that are aimed at one.
+/// The largest share of a set's rays that may be in doubt. Sets that are not aimed at anything pass an outline by
+/// chance. Half of those along axes go through a vertex, and those from planes start at coordinates of vertices. Rays at
+/// outlines, and those from surfaces, whose first hit is at the border of their range, can all be in doubt.
 fn most_in_doubt(case: &Case, kind: &str) -> f64 {
     match kind {
-        "at vertices" | "at edges" | "along edges" | "along axes" => 1.0,
+        "along axes" => 0.6,
+        "from planes" => 0.5,
+        "at vertices" | "at edges" | "along edges" | "from surfaces" => 1.0,
         _ => case.most_in_doubt,
     }
 }
