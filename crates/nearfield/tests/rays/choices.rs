@@ -105,6 +105,8 @@ fn the_cpu_takes_over_from_a_gpu_without_memory(gpu: &Gpu) {
         index.refit(&ball).unwrap();
         assert!(index.device().starts_with("cpu"), "{choice:?}");
         assert_eq!(answers(&index, &rays), expected, "{choice:?}, after a refit");
+        // What the index held on the device is free again.
+        gpu.set_memory_limit(1);
         let built = build(DeviceChoice::Auto).unwrap();
         assert!(built.device().starts_with("cpu") && built.notes().iter().any(|n| n.contains("the CPU did the work")));
         assert!(matches!(build(DeviceChoice::Gpu), Err(Error::OutOfDeviceMemory { .. })));

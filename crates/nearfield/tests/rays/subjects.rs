@@ -104,13 +104,12 @@ impl Answers {
 }
 
 /// The largest share of a set's rays that may be in doubt. Sets that are not aimed at anything pass an outline by
-/// chance. Half of those along axes go through a vertex, and those from planes start at coordinates of vertices. Rays at
-/// outlines, and those from surfaces, whose first hit is at the border of their range, can all be in doubt.
+/// chance. Half of those along axes go through a vertex. Rays at outlines can all be in doubt, and so can those from
+/// surfaces and from planes of vertices, which a cube's faces are: their first hit is at the border of their range.
 fn most_in_doubt(case: &Case, kind: &str) -> f64 {
     match kind {
         "along axes" => 0.6,
-        "from planes" => 0.5,
-        "at vertices" | "at edges" | "along edges" | "from surfaces" => 1.0,
+        "at vertices" | "at edges" | "along edges" | "from surfaces" | "from planes" => 1.0,
         _ => case.most_in_doubt,
     }
 }
