@@ -131,7 +131,8 @@ fn follows_triangles_that_move(gpu: &Gpu) {
         ("equal triangles", TriMesh { triangles: vec![soup.triangles[0]; 300], ..soup.clone() }),
         ("scaled down", moved(&soup, |v| v * 1e-6)),
         ("scaled up", moved(&soup, |v| v * 1e6)),
-        ("shifted", moved(&soup, |v| v + 1e6)),
+        // Not so far that rounding takes or gives triangles their area: such a mesh is built anew.
+        ("shifted", moved(&soup, |v| v + 1e3)),
         ("soup", soup),
     ];
     for (name, mesh) in cases {

@@ -20,6 +20,9 @@ const T_SHARE: f64 = 1e-5;
 /// farther off by as much, and near its origin a share of t is less than coordinates can tell.
 const STEEP: f64 = 0.125;
 const FAR_ENOUGH: f64 = 0.0625;
+/// A triangle lower than this share of its longest edge has weights that are quotients of small areas, by which t, which
+/// lies between the depths of its corners, moves along it: there, too, the bound over the cosine is added.
+const LOW: f64 = 1.0 / 32.0;
 
 /// What is known of one ray and one triangle that it does not surely miss.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -121,8 +124,8 @@ fn verdict(triangle: u32, corners: [DVec3; 3], frame: &Frame, bound: &Bound) -> 
     }
     let depth = local.map(|c| c.dot(z));
     let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-    let edges = [(corners[1] - corners[0]).length(), (corners[2] - corners[0]).length()];
-    if normal.length() <= 8.0 * f64::EPSILON * edges[0] * edges[1] {
+    let edges = [0, 1, 2].map(|i| (corners[(i + 1) % 3] - corners[i]).length());
+    if normal.length() <= 8.0 * f64::EPSILON * edges[0] * edges[2] {
         return None;
     }
     let side = |a: (f64, f64), b: (f64, f64)| a.0 * b.1 - a.1 * b.0;
@@ -140,7 +143,9 @@ fn verdict(triangle: u32, corners: [DVec3; 3], frame: &Frame, bound: &Bound) -> 
     if inside && nearest > bound.distance {
         let cosine = (normal.dot(z) / normal.length()).abs();
         let t = normal.dot(local[0]) / normal.dot(z);
-        let wide = cosine < STEEP || t.abs() < FAR_ENOUGH * bound.reach;
+        let longest = edges.iter().copied().fold(0.0, f64::max);
+        let is_low = normal.length() < LOW * longest * longest;
+        let wide = is_low || cosine < STEEP || t.abs() < FAR_ENOUGH * bound.reach;
         let off = T_SHARE * t.abs() + if wide { bound.distance / cosine } else { 0.0 };
         return found(t - off, t + off, true, wide);
     }
