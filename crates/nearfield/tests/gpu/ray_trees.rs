@@ -2,7 +2,7 @@
 
 use libtest_mimic::Trial;
 use nearfield::geometry::generate::{self, MeshKind};
-use nearfield::gpu::Gpu;
+use nearfield::gpu::{AdapterKind, Gpu};
 use nearfield::{
     BvhSettings, Error, GpuBruteForceMesh, GpuTriangleBvh, HitRecord, Ray, RaySearch, TriMesh, TriangleBvh, Vec3,
 };
@@ -124,6 +124,8 @@ fn twisted(mesh: &TriMesh) -> TriMesh {
 
 fn follows_triangles_that_move(gpu: &Gpu) {
     let soup = generate::mesh(MeshKind::Soup, 3000, SEED);
+    // Brute force over all of them takes a software device minutes.
+    let n_rays = if gpu.kind() == AdapterKind::Software { 300 } else { 3000 };
     let cases = [
         ("icosphere", generate::mesh(MeshKind::Icosphere, 1280, 0)),
         ("flat", moved(&soup, |v| v * Vec3::new(1.0, 1.0, 0.0))),
@@ -145,7 +147,7 @@ fn follows_triangles_that_move(gpu: &Gpu) {
             let stages = RaySearch::build_stages(&bvh);
             assert!(stages.iter().any(|stage| stage.name == "copy and fit"), "{name}: {stages:?}");
             let brute = GpuBruteForceMesh::build(gpu, &now).unwrap();
-            assert_same(name, &bvh, &brute, &rays(&now)[..3000]);
+            assert_same(name, &bvh, &brute, &rays(&now)[..n_rays]);
         }
         // Back where they were, boxes are as tight as new ones, but for a step of rounding each.
         let fresh = GpuTriangleBvh::build(gpu, &mesh, &BvhSettings::default()).unwrap();
