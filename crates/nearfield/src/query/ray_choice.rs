@@ -188,7 +188,7 @@ impl Costs {
         Self { test: 0.0036, ray: [0.59, 0.43, 1.6, 3.2], passes: [1.0, 1.0, 1.0, 2.0], build: 620.0, refit: 60.0 };
 
     fn of(device: Option<AdapterKind>) -> Self {
-        // Other cards were not measured: a common one is taken to be a quarter as fast as an H200, and graphics of a
+        // Other cards were not measured: every card is taken to be a quarter as fast as an H200, and graphics of a
         // processor a sixteenth of that. Only what runs on the device is slower.
         let slower =
             |by: f64| Self { test: by * Self::H200.test, ray: Self::H200.ray.map(|ray| by * ray), ..Self::H200 };

@@ -42,6 +42,8 @@ pub struct RayIndex {
     notes: Vec<String>,
     /// The CPU's structure, built when the GPU fails; `None` where the CPU must not take over.
     substitute: Option<OnceLock<Held>>,
+    /// The rays to choose for, where the structure is not named.
+    chooses_for: Option<RayTask>,
 }
 
 /// The structures there are.
@@ -160,26 +162,23 @@ impl RayIndex {
     ) -> Result<Self> {
         let auto = settings.device == DeviceChoice::Auto;
         let triangles = PreparedTriangles::new(mesh)?;
-        let choose = |kind| match settings.structure {
-            RayStructureChoice::Auto => {
-                let (structure, reason) = task.choose(triangles.len(), kind);
-                (structure, Some(reason))
-            }
-            named => (named, None),
-        };
+        let chooses_for = (settings.structure == RayStructureChoice::Auto).then_some(*task);
+        let choose = |kind| chosen(chooses_for.as_ref(), settings.structure, triangles.len(), kind);
         if let Some(gpu) = gpu {
             if gpu.kind() == AdapterKind::Software {
                 notes.push(format!("{} is a software renderer: the CPU in disguise, and slower", gpu.name()));
             }
             let (structure, reason) = choose(Some(gpu.kind()));
             match Held::on_gpu(gpu, structure, triangles.clone()) {
-                Ok(held) => return Ok(Self { held, reason, notes, substitute: auto.then(OnceLock::new) }),
+                Ok(held) => {
+                    return Ok(Self { held, reason, notes, substitute: auto.then(OnceLock::new), chooses_for });
+                }
                 Err(error) if auto && error.is_device_fault() => notes.push(taken_over(gpu.name(), &error)),
                 Err(error) => return Err(error),
             }
         }
         let (structure, reason) = choose(None);
-        Ok(Self { held: Held::on_cpu(structure, triangles)?, reason, notes, substitute: None })
+        Ok(Self { held: Held::on_cpu(structure, triangles)?, reason, notes, substitute: None, chooses_for })
     }
 
     /// Takes a mesh of the same triangles with moved vertices: a hierarchy is fitted to it ([`TriangleBvh::refit`],
@@ -195,7 +194,9 @@ impl RayIndex {
         match self.held.follow(moved) {
             Err(error) if self.substitute.is_some() && error.is_device_fault() => {
                 let note = taken_over(&self.device(), &error);
-                self.held = Held::on_cpu(self.held.kind().0, PreparedTriangles::new(moved)?)?;
+                let (structure, reason) = self.chosen_for_cpu();
+                self.held = Held::on_cpu(structure, PreparedTriangles::new(moved)?)?;
+                self.reason = reason;
                 self.notes.push(note);
                 self.substitute = None;
             }
@@ -224,6 +225,7 @@ impl RayIndex {
         let answer = match (ask(self.held.search()), &self.substitute) {
             (Err(error), Some(substitute)) if error.is_device_fault() => {
                 notes.push(taken_over(&self.device(), &error));
+                notes.extend(self.chosen_for_cpu().1);
                 ask(self.substitute(substitute)?.search())?
             }
             (answer, _) => answer?,
@@ -244,15 +246,32 @@ impl RayIndex {
         Ok(answer)
     }
 
+    /// What stands on the CPU where that takes over, and why.
+    fn chosen_for_cpu(&self) -> (RayStructureChoice, Option<String>) {
+        chosen(self.chooses_for.as_ref(), self.held.kind().0, self.prepared().len(), None)
+    }
+
     /// The structure on the CPU, built at the first use.
     fn substitute<'a>(&self, substitute: &'a OnceLock<Held>) -> Result<&'a Held> {
         if substitute.get().is_none() {
             let triangles = Arc::new(self.prepared().clone());
             // Where two threads come here at once, the structure of the first one stays.
-            let _ = substitute.set(Held::on_cpu(self.held.kind().0, triangles)?);
+            let _ = substitute.set(Held::on_cpu(self.chosen_for_cpu().0, triangles)?);
         }
         Ok(substitute.get().expect("the structure should have been set above"))
     }
+}
+
+/// The structure for the rays of a task and why, or without a task the one that was named.
+fn chosen(
+    task: Option<&RayTask>,
+    named: RayStructureChoice,
+    triangles: usize,
+    device: Option<AdapterKind>,
+) -> (RayStructureChoice, Option<String>) {
+    let Some(task) = task else { return (named, None) };
+    let (structure, reason) = task.choose(triangles, device);
+    (structure, Some(reason))
 }
 
 impl RaySearch for RayIndex {

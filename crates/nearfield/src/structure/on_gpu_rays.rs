@@ -3,13 +3,16 @@
 use std::sync::Arc;
 
 use super::{BuildStage, PreparedTriangles};
-use crate::gpu::{Access, Bind, Gpu};
+use crate::gpu::{Access, AdapterKind, Bind, Gpu};
 
 /// Tests of triangles or boxes that one submission is made for, so that no driver's time limit ends it: 4 ms on an H200,
 /// where a test takes 3.6 ps, and a fifth of a second on a device fifty times as slow. Limits are around two seconds.
 const TESTS_A_SUBMISSION: u64 = 1 << 30;
-/// Rays that every submission takes, as fewer leave lanes idle and take no less time.
-const FEWEST_RAYS: u64 = 1024;
+/// Rays that every submission takes, whatever they test: an invocation casts one ray, and fewer leave lanes of a large card
+/// idle and take no less time.
+const FEWEST_RAYS: u64 = 1 << 16;
+/// The same on a software renderer, which has few lanes.
+const FEWEST_RAYS_ON_SOFTWARE: u64 = 1 << 10;
 /// Tests of a ray in a tree: the hierarchy of boxes tests some 40 boxes for a bounced ray into the Stanford bunny.
 const TESTS_IN_A_TREE: u64 = 64;
 
@@ -52,10 +55,12 @@ pub trait GpuRayStructure: Sync {
         TESTS_IN_A_TREE
     }
 
-    /// Most rays of a submission: such that rays times [`GpuRayStructure::expected_tests`] is at most 2³⁰, but 1,024 in any
-    /// case. [`crate::RaySearch`] cuts its batches by it; whoever records casts into commands of their own can too.
+    /// Most rays of a submission: such that rays times [`GpuRayStructure::expected_tests`] is at most 2³⁰, but 65,536 in any
+    /// case, or 1,024 on a software renderer: brute force over more triangles than 2¹⁴ tests more. [`crate::RaySearch`] cuts its batches by it; whoever records casts into commands of their own can too.
     fn rays_a_submission(&self) -> usize {
-        let rays = (TESTS_A_SUBMISSION / self.expected_tests().max(1)).max(FEWEST_RAYS);
+        let on_software = self.gpu().kind() == AdapterKind::Software;
+        let fewest = if on_software { FEWEST_RAYS_ON_SOFTWARE } else { FEWEST_RAYS };
+        let rays = (TESTS_A_SUBMISSION / self.expected_tests().max(1)).max(fewest);
         usize::try_from(rays).unwrap_or(usize::MAX)
     }
 
