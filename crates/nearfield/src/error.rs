@@ -97,6 +97,17 @@ pub enum Error {
         vertices: u64,
     },
 
+    /// A computation that its caller has ended.
+    #[error("interrupted at {stage}, after {done} of {total}; start it again for the whole answer")]
+    Interrupted {
+        /// What was being done.
+        stage: &'static str,
+        /// How much of it was done.
+        done: u64,
+        /// How much there is to do.
+        total: u64,
+    },
+
     /// A setting outside its range.
     #[error("{setting} = {found} is not usable: expected {expected}")]
     InvalidSetting {

@@ -33,7 +33,7 @@ pub use application::GpuPathTracer;
 pub use application::{Camera, Environment, Film, Material, Partition, PathSettings, PathTracer, Scene, Surface};
 pub use curve::{Curve, Domain, Octant};
 pub use error::{Error, Result};
-pub use geometry::{Aabb, PointCloud, Ray, Sphere, TriMesh, Triangle};
+pub use geometry::{Aabb, PointCloud, Ray, Scalar, Sphere, TriMesh, Triangle};
 pub use glam::{DVec3, Vec3};
 #[cfg(feature = "gpu")]
 pub use gpu::{DeviceChoice, Gpu};
@@ -45,8 +45,9 @@ pub use query::{
 };
 #[cfg(feature = "gpu")]
 pub use query::{
-    DeviceRays, ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index, IndexSettings, RayIndex,
-    RayIndexSettings, RayQuery, RayStructureChoice, RayTask, RaysOnDevice, SearchOnDevice, StructureChoice, Visitor,
+    DeviceQueries, DeviceRays, ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index,
+    IndexSettings, RayIndex, RayIndexSettings, RayQuery, RayStructureChoice, RayTask, RaysOnDevice, SearchOnDevice,
+    StructureChoice, Visitor,
 };
 pub use structure::{
     AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BruteForce, BruteForceMesh, BuildOrder, BvhSettings,

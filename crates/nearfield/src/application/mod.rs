@@ -2,9 +2,13 @@
 //! alone: what it needs and they lack is a missing query.
 
 pub mod domain_decomposition;
+mod length;
 pub mod path_trace;
+mod point_flags;
+mod watch;
 
 pub use domain_decomposition::{Exchange, PartReport, Partition, PartitionReport, compare_curves};
+pub use length::{Length, diagonal, spacing};
 pub use path_trace::{
     Camera, CameraFrame, Environment, EnvironmentImage, Film, Material, PathCounters, PathParameters, PathSettings,
     PathState, PathTracer, PointLight, Scene, Surface,
@@ -13,3 +17,5 @@ pub use path_trace::{
 pub use path_trace::{GpuPathTracer, SceneLayout};
 #[cfg(feature = "io")]
 pub use path_trace::{SceneReader, parse_scene, read_scene};
+pub use point_flags::PointFlags;
+pub use watch::{Progress, Watch};

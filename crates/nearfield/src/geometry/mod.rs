@@ -3,16 +3,20 @@
 mod aabb;
 pub mod distance;
 pub mod generate;
+pub mod height_field;
 mod ordered_points;
 mod point_cloud;
 mod prepared_ray;
 mod prepared_triangle;
 mod ray;
 pub(crate) mod row_simd;
+mod scalar;
 mod sphere;
+pub mod symmetric_eigen;
 mod tri_mesh;
 mod triangle;
 pub mod validate;
+pub mod vector;
 
 pub use aabb::Aabb;
 pub use distance::Period;
@@ -21,6 +25,7 @@ pub use point_cloud::{Attribute, Column, PointCloud};
 pub use prepared_ray::{PreparedRay, RayFault, RaySpace};
 pub use prepared_triangle::{LocalHit, PreparedTriangle};
 pub use ray::Ray;
+pub use scalar::Scalar;
 pub use sphere::Sphere;
 pub use tri_mesh::TriMesh;
 pub use triangle::Triangle;

@@ -30,7 +30,7 @@ mod report;
 mod rows;
 mod search;
 
-pub use any_dimension::{CountsN, FixedRadiusN, KnnN, NearestN, NeighborsN, QueriesN, RadiusN, SearchWork};
+pub use any_dimension::{CountsN, FixedRadiusN, KnnN, NearestFew, NearestN, NeighborsN, QueriesN, RadiusN, SearchWork};
 pub use boxes::{BoxSearch, Boxes};
 #[cfg(feature = "gpu")]
 pub use choose::{Purpose, StructureChoice};
@@ -44,7 +44,11 @@ pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[doc(hidden)]
 pub use gpu::{Asked, Batch, HitN, KnnBatch, KnnRun, SearchN};
 #[cfg(feature = "gpu")]
-pub use gpu::{ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor};
+pub use gpu::{
+    DeviceQueries, ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor,
+};
+#[cfg(feature = "gpu")]
+pub(crate) use gpu::{VisitorModule, record_module};
 #[cfg(feature = "gpu")]
 pub use index::{Index, IndexSettings};
 pub use knn::{Knn, KnnSearch, NearestNeighbors};

@@ -27,9 +27,7 @@ mod ray_structure;
 pub mod triangle_bvh;
 pub mod uniform_grid;
 
-pub use aabb_tree::{
-    AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BuildOrder, Scalar, TreeSearch, TreeShape,
-};
+pub use aabb_tree::{AabbTree, AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BuildOrder, TreeSearch, TreeShape};
 #[cfg(feature = "gpu")]
 pub use aabb_tree::{AabbTreeBuilder, GpuAabbTree, GpuAabbTreeN};
 pub use brute_force::{BruteForce, BruteForceMesh};

@@ -1,6 +1,6 @@
 //! Named clouds of any dimension, and radii for them.
 
-use nearfield::structure::Scalar;
+use nearfield::geometry::Scalar;
 
 use crate::support::Random;
 

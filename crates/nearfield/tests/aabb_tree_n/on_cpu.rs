@@ -1,6 +1,6 @@
 //! Every search of the tree on the CPU against brute force in the same type, to the bit.
 
-use nearfield::structure::Scalar;
+use nearfield::geometry::Scalar;
 use nearfield::{
     AabbTreeN, AabbTreeNSettings, Error, FixedRadiusN, KnnN, NearestN, NeighborsN, QueriesN, RadiusN, RowOrder,
     SearchWork, TreeSearch,

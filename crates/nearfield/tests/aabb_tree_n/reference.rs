@@ -1,6 +1,6 @@
 //! Brute force in the type of the coordinates.
 
-use nearfield::structure::Scalar;
+use nearfield::geometry::Scalar;
 
 /// d² over the axes in order.
 pub(crate) fn dist2<T: Scalar, const D: usize>(a: &[T; D], b: &[T; D]) -> T {

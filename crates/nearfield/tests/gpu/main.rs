@@ -7,6 +7,7 @@
 mod coherent;
 mod loss;
 mod memory;
+mod on_device_queries;
 mod plumbing;
 mod ray_trees;
 mod rows;
@@ -102,6 +103,7 @@ fn main() {
     trials.extend(memory::trials());
     trials.extend(loss::trials());
     trials.extend(visitors::trials());
+    trials.extend(on_device_queries::trials());
     trials.extend(rows::trials());
     trials.extend(trees::trials());
     trials.extend(ray_trees::trials());

@@ -1,11 +1,12 @@
 //! Numbers that stand on both sides.
 
 use nearfield::HitRecord;
+use nearfield::application::PointFlags;
+use nearfield::geometry::Scalar;
 use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WRAP_SLACK};
 use nearfield::gpu::SOFTWARE_LOOP_ROUNDS;
 use nearfield::gpu::shader::{MODULES, compose};
 use nearfield::gpu::wgpu::naga;
-use nearfield::structure::Scalar;
 use nearfield::structure::aabb_tree::any_dimension;
 
 use crate::variants::parse;
@@ -60,5 +61,14 @@ fn slacks_are_the_same_on_both_sides() {
     let length = 1.0 / <f32 as Scalar>::MAX_COORDINATE;
     for (name, value) in [("RADIUS_SLACK_N", any_dimension::RADIUS_SLACK as f32), ("LENGTH_SLACK_N", length)] {
         assert_eq!(constant(&module, name).map(f32::to_bits), Some(value.to_bits()), "{name}");
+    }
+}
+
+#[test]
+fn flags_of_points_are_the_same_on_both_sides() {
+    let source = MODULES.iter().find(|(module, _)| *module == "package::application::point_flags").unwrap().1;
+    for (bit, name) in PointFlags::NAMES.iter().enumerate() {
+        let constant = format!("const {} = {}u;", name.replace('-', "_").to_uppercase(), 1 << bit);
+        assert!(source.contains(&constant), "{constant}");
     }
 }

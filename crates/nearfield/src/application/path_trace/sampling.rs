@@ -10,6 +10,8 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
+use crate::geometry::vector;
+
 /// Scrambles 32 bits (Jarzynski2020).
 pub(super) fn pcg(value: u32) -> u32 {
     let state = value.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
@@ -114,15 +116,9 @@ pub(super) fn triangle_weights(u: [f32; 2]) -> [f32; 2] {
     [root * (1.0 - u[1]), root * u[1]]
 }
 
-/// Two directions that make a right-handed frame with a unit vector (Duff2017).
+/// Two directions that make a right-handed frame with a unit vector.
 pub(super) fn frame(normal: Vec3) -> [Vec3; 2] {
-    let sign = if normal.z < 0.0 { -1.0 } else { 1.0 };
-    let a = -1.0 / (sign + normal.z);
-    let b = normal.x * normal.y * a;
-    [
-        Vec3::new(1.0 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x),
-        Vec3::new(b, sign + normal.y * normal.y * a, -normal.y),
-    ]
+    vector::tangents(normal.to_array()).map(Vec3::from_array)
 }
 
 /// The weight of a sample by the power heuristic (Veach1997): `this` is its density, `other` that of the other way.

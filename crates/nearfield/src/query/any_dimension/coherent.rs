@@ -7,8 +7,9 @@
 use super::query_set::Pack;
 use super::rows::Hits;
 use super::{FixedRadiusN, SearchWork};
+use crate::geometry::Scalar;
+use crate::structure::AabbTreeN;
 use crate::structure::aabb_tree::any_dimension::{PointsN, is_swept_near, reach};
-use crate::structure::{AabbTreeN, Scalar};
 
 /// Finds the neighbours of the queries that touch one leaf.
 pub(super) fn search<T: Scalar, const D: usize>(
@@ -24,7 +25,7 @@ pub(super) fn search<T: Scalar, const D: usize>(
     let swept = pack.places.clone().fold(T::of(0.0), |largest, place| {
         let reach = reach(question.radius.of(queries.ids()[place] as usize));
         let is_inside = around.contains(&queries.position(place));
-        largest.larger(if is_inside { reach } else { reach.plus(reach) })
+        largest.larger(if is_inside { reach } else { reach + reach })
     });
     candidates.clear();
     let nodes = tree.back_traverse(
@@ -37,7 +38,7 @@ pub(super) fn search<T: Scalar, const D: usize>(
         queries.for_each_dist2(pack.places.clone(), &position, |place, dist2| {
             let id = queries.ids()[place];
             let radius = question.radius.of(id as usize);
-            if dist2 <= radius.times(radius) && !(question.exclude_self && index == id) {
+            if dist2 <= radius * radius && !(question.exclude_self && index == id) {
                 found.add(place - pack.places.start, index, dist2);
             }
         });

@@ -9,8 +9,9 @@ use super::query_set::QuerySet;
 use super::rows::{self, Hits, TaskRows};
 use super::{CountsN, FixedRadiusN, NeighborsN, SearchWork, coherent, packed, primary};
 use crate::Result;
+use crate::geometry::Scalar;
 use crate::query::Report;
-use crate::structure::{AabbTreeN, Scalar, TreeSearch};
+use crate::structure::{AabbTreeN, TreeSearch};
 
 /// Queries of a task: enough to hide the cost of handing it out, few enough to balance uneven rows.
 const TASK_QUERIES: usize = 512;

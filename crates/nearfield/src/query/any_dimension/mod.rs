@@ -13,8 +13,10 @@ mod primary;
 mod query_set;
 mod question;
 mod rows;
+mod visit;
 
 pub use answers::{CountsN, NearestN, NeighborsN, SearchWork};
 pub use question::{FixedRadiusN, KnnN, QueriesN, RadiusN};
 #[cfg(feature = "gpu")]
 pub(super) use rows::{entry_limit, order_rows, too_large};
+pub use visit::NearestFew;

@@ -7,8 +7,9 @@ use rayon::prelude::*;
 use super::query_set::QuerySet;
 use super::{FixedRadiusN, KnnN, NearestN, QueriesN, SearchWork, cpu};
 use crate::Result;
+use crate::geometry::Scalar;
 use crate::query::rows;
-use crate::structure::{AabbTreeN, Scalar};
+use crate::structure::AabbTreeN;
 
 /// Hits that are gathered before the worst are dropped, beside half of k.
 const SPARE: usize = 8;
@@ -16,7 +17,8 @@ const SPARE: usize = 8;
 const TASK_QUERIES: usize = 128;
 
 /// The best so far of one query.
-struct Best<T> {
+#[derive(Debug, Clone)]
+pub(super) struct Best<T> {
     k: usize,
     /// Squared distance and index, in this order of significance.
     hits: Vec<(T, u32)>,
@@ -27,13 +29,32 @@ struct Best<T> {
 }
 
 impl<T: Scalar> Best<T> {
-    fn begin(&mut self, reach2: T) {
+    pub(super) fn new(k: usize) -> Self {
+        Self { k, hits: Vec::new(), most: k, reach2: T::ZERO }
+    }
+
+    /// How many are looked for.
+    pub(super) fn k(&self) -> usize {
+        self.k
+    }
+
+    /// Squared distance that hits must not pass.
+    pub(super) fn reach2(&self) -> T {
+        self.reach2
+    }
+
+    /// What was kept; the nearest first once the search has finished.
+    pub(super) fn hits(&self) -> &[(T, u32)] {
+        &self.hits
+    }
+
+    pub(super) fn begin(&mut self, reach2: T) {
         self.hits.clear();
         (self.most, self.reach2) = (self.k, reach2);
     }
 
     #[inline(always)]
-    fn add(&mut self, index: u32, dist2: T) {
+    pub(super) fn add(&mut self, index: u32, dist2: T) {
         if dist2 <= self.reach2 {
             self.hits.push((dist2, index));
             if self.hits.len() >= self.most {
@@ -52,7 +73,7 @@ impl<T: Scalar> Best<T> {
     }
 
     /// All that were kept, the nearest first.
-    fn finish(&mut self) -> &[(T, u32)] {
+    pub(super) fn finish(&mut self) -> &[(T, u32)] {
         self.hits.sort_unstable_by(nearer);
         self.hits.truncate(self.k);
         &self.hits
@@ -91,7 +112,7 @@ impl<T: Scalar, const D: usize> AabbTreeN<T, D> {
                 .enumerate()
                 .map(|(task, rows)| {
                     let first = task * TASK_QUERIES;
-                    let mut best = Best { k, hits: Vec::new(), most: k, reach2: T::of(0.0) };
+                    let mut best = Best::new(k);
                     let mut work = SearchWork::default();
                     for (row, place) in rows.chunks_exact_mut(k).zip(first..) {
                         let id = queries.ids()[place];
@@ -139,7 +160,7 @@ fn find<T: Scalar, const D: usize>(
     best: &mut Best<T>,
 ) -> SearchWork {
     let points = tree.ordered_points();
-    let radius2 = question.within.map(|radius| radius.of(id as usize)).map(|radius| radius.times(radius));
+    let radius2 = question.within.map(|radius| radius.of(id as usize)).map(|radius| radius * radius);
     best.begin(radius2.unwrap_or(T::of(f64::INFINITY)));
     let (reach2, mut tests) = (best.reach2, 0);
     let nodes = tree.nearest_first(query, reach2, |leaf| {

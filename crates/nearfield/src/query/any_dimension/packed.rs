@@ -7,9 +7,10 @@
 use super::query_set::Pack;
 use super::rows::Hits;
 use super::{FixedRadiusN, SearchWork};
+use crate::geometry::Scalar;
+use crate::structure::AabbTreeN;
 use crate::structure::aabb_tree::BoxN;
 use crate::structure::aabb_tree::any_dimension::{PointsN, dist2_of_boxes, dist2_to_box, reach};
-use crate::structure::{AabbTreeN, Scalar};
 
 /// A query of the pack with what its search needs.
 #[derive(Debug, Clone, Copy)]
@@ -34,7 +35,7 @@ pub(super) fn search<T: Scalar, const D: usize>(
         let (position, id) = (queries.position(place), queries.ids()[place]);
         let radius = question.radius.of(id as usize);
         let reach = reach(radius);
-        Asked { position, id, radius2: radius.times(radius), reach2: reach.times(reach) }
+        Asked { position, id, radius2: radius * radius, reach2: reach * reach }
     }));
     let around = asked.iter().fold(BoxN::EMPTY, |bounds, query| bounds.grown_to(&query.position));
     let reach2 = asked.iter().fold(T::of(0.0), |largest, query| largest.larger(query.reach2));

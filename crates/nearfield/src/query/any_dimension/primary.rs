@@ -3,8 +3,9 @@
 use super::query_set::Pack;
 use super::rows::Hits;
 use super::{FixedRadiusN, SearchWork};
+use crate::geometry::Scalar;
+use crate::structure::AabbTreeN;
 use crate::structure::aabb_tree::any_dimension::{PointsN, dist2_to_box, reach};
-use crate::structure::{AabbTreeN, Scalar};
 
 /// Finds the neighbours of the one query of the pack: those in the leaf that it touches, then upwards those below the
 /// other child of each node that the ball meets.
@@ -18,8 +19,8 @@ pub(super) fn search<T: Scalar, const D: usize>(
     let (points, place) = (tree.ordered_points(), pack.places.start);
     let (query, id) = (queries.position(place), queries.ids()[place]);
     let radius = question.radius.of(id as usize);
-    let (radius2, reach) = (radius.times(radius), reach(radius));
-    let reach2 = reach.times(reach);
+    let (radius2, reach) = (radius * radius, reach(radius));
+    let reach2 = reach * reach;
     let mut tests = 0;
     let nodes = tree.back_traverse(
         pack.leaf,

@@ -8,8 +8,9 @@ use rayon::prelude::*;
 use super::QueriesN;
 use super::answers::SearchWork;
 use super::question::RadiusN;
+use crate::geometry::Scalar;
 use crate::structure::aabb_tree::any_dimension::PointsN;
-use crate::structure::{AabbTreeN, Scalar, TreeSearch, TreeShape};
+use crate::structure::{AabbTreeN, TreeSearch, TreeShape};
 
 /// Most queries of a packed search that are answered together.
 const PACK: usize = 64;
@@ -75,7 +76,7 @@ impl<'a, T: Scalar, const D: usize> QuerySet<'a, T, D> {
     fn by_touching_leaf(tree: &AabbTreeN<T, D>, queries: &[[T; D]], radius: RadiusN<'_, T>) -> Self {
         let key = |(i, query): (usize, &[T; D])| {
             let (radius, mut nodes) = (radius.of(i), 0);
-            let leaf = tree.touching_leaf(query, radius.times(radius), &mut nodes);
+            let leaf = tree.touching_leaf(query, radius * radius, &mut nodes);
             (leaf.map(|leaf| (leaf as u32, i as u32)), nodes)
         };
         let located: Vec<_> = queries.par_iter().with_min_len(LOCATED_BY_ONE).enumerate().map(key).collect();

@@ -1,7 +1,8 @@
 //! The questions: which points lie in the closed ball around each query, and which are the k nearest.
 
+use crate::geometry::Scalar;
 use crate::query::RowOrder;
-use crate::structure::aabb_tree::{Scalar, any_dimension};
+use crate::structure::aabb_tree::any_dimension;
 use crate::{Error, Result};
 
 /// A search for all points within a radius of every point of a tree, or of other query points.

@@ -6,9 +6,9 @@ use rayon::prelude::*;
 
 use super::answers::SearchWork;
 use super::{FixedRadiusN, NeighborsN};
+use crate::geometry::Scalar;
 use crate::parallel::scan;
 use crate::query::{RowOrder, rows};
-use crate::structure::Scalar;
 use crate::{Error, Result};
 
 /// A neighbour of a query of the pack at hand.

@@ -2,7 +2,7 @@
 //!
 //! `visit` runs a visitor; `answers` are count and nearest; `list` is the list with its batches, `capped_list` that of
 //! the nearest; `on_device` leaves answers there; `row_masks` is the fast way to write rows; `visitor` takes a caller's
-//! own WGSL; `knn` finds the nearest of a tree and `boxes` what
+//! own WGSL, `device_queries` takes queries that are there already; `knn` finds the nearest of a tree and `boxes` what
 //! lies in boxes; `loops` keeps answers exact on devices that end long loops.
 
 mod answers;
@@ -10,6 +10,7 @@ mod any_dimension;
 pub(super) mod batch;
 mod boxes;
 mod capped_list;
+mod device_queries;
 mod knn;
 mod knn_boxes;
 mod knn_octants;
@@ -23,6 +24,8 @@ mod visitor;
 pub(super) use answers::add_stages;
 #[doc(hidden)]
 pub use any_dimension::{Asked, HitN, SearchN};
+pub use device_queries::DeviceQueries;
+pub(crate) use device_queries::{VisitorModule, record_module};
 pub use knn::GpuNearestNeighbors;
 #[doc(hidden)]
 pub use knn_boxes::KnnRun;

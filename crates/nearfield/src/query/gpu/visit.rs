@@ -117,6 +117,16 @@ impl QueryBuffers {
         Ok(Self { queries: packed.unwrap_or(queries), radii, first_id, are_points: own, candidates })
     }
 
+    /// Queries that are on the device with their slots; they stay in their order, unless they are searched in packs.
+    pub(super) fn on_device<S: GpuStructure>(
+        structure: &S,
+        question: &FixedRadius<'_>,
+        queries: Buffer<DevicePoint>,
+        radii: Buffer<f32>,
+    ) -> Result<Self> {
+        Self::new(structure, question, (queries, radii), 0, false)
+    }
+
     /// The queries of the question in the structure's order: slots are the caller's indices.
     pub(super) fn in_search_order<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Self> {
         if structure.coherent_tree().is_none() {

@@ -1,11 +1,12 @@
 //! A caller's own WGSL on each neighbour: sums and minima without a list, early exit.
 
 use super::answers::add_stages;
+use super::device_queries::{self, DeviceQueries};
 use super::loops::VisitorRounds;
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::Result;
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind};
+use crate::gpu::{Access, Bind, Commands};
 use crate::query::{FixedRadius, Report};
 use crate::structure::GpuStructure;
 
@@ -71,6 +72,19 @@ pub trait ForEachOnDevice: GpuStructure {
         visit::record(&mut commands, self, question, &queries, &code, &binds)?;
         add_stages(&mut report, &commands.run()?);
         Ok(report)
+    }
+
+    /// Records `visitor` over queries that are on the device; nothing runs before the commands are submitted. A coherent
+    /// search of the AABB-tree finds its candidates before it returns, so the queries must have been written by then.
+    ///
+    /// # Errors
+    /// `InvalidRadius`; `LengthMismatch` with fewer radii than queries; `KernelRejected` with the compiler's message;
+    /// `Unsupported` where the device would end the kernel's loops; `OutOfDeviceMemory`, `DeviceLost`.
+    fn record_for_each(&self, commands: &mut Commands, queries: &DeviceQueries<'_>, visitor: &Visitor<'_>) -> Result<()>
+    where
+        Self: Sized,
+    {
+        device_queries::record_caller(commands, self, queries, visitor)
     }
 }
 

@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::scalar::Scalar;
 use super::shape::TreeShape;
+use crate::geometry::Scalar;
 
 /// A closed box in `D` dimensions; empty where a `min` is greater than its `max`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,7 +46,7 @@ impl<T: Scalar, const D: usize> BoxN<T, D> {
 
     /// The axis of the longest side, the first one of equals.
     pub(super) fn longest_side(&self) -> usize {
-        let length = |axis: usize| self.max[axis].minus(self.min[axis]);
+        let length = |axis: usize| self.max[axis] - self.min[axis];
         (1..D).fold(0, |longest, axis| if length(axis) > length(longest) { axis } else { longest })
     }
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::structure::aabb_tree::Scalar;
+use crate::geometry::Scalar;
 use crate::{Error, Result};
 
 /// Points that one thread checks at a time.
@@ -48,7 +48,7 @@ pub(crate) fn coordinates<T: Scalar, const D: usize>(what: &'static str, points:
 /// # Errors
 /// `InvalidSetting`.
 pub(crate) fn radius<T: Scalar>(radius: T, index: Option<usize>) -> Result<()> {
-    let square = radius.times(radius);
+    let square = radius * radius;
     let zero = T::of(0.0);
     let is_usable = radius == zero || (radius > zero && square >= T::SMALLEST_NORMAL && square <= T::LARGEST);
     if is_usable {

@@ -4,7 +4,8 @@
 //! A point is a neighbour when d² ≤ r·r. A device may fuse a multiplication with an addition: of the D + 2 roundings of a
 //! squared distance none is then larger, so it may differ where |d − r| is within (D + 3) / 2 ulp of r.
 
-use crate::structure::aabb_tree::{BoxN, Scalar};
+use crate::geometry::Scalar;
+use crate::structure::aabb_tree::BoxN;
 
 /// Part of the radius added before boxes are chosen: more than all roundings of two squared distances in 16 dimensions
 /// and `f32`, that of a box and that of a point in it, may differ by (37 · 2⁻²⁴ of the square).
@@ -13,7 +14,7 @@ pub const RADIUS_SLACK: f64 = 1.0 + 1.0 / (1 << 18) as f64;
 /// The sum with the square of one more difference.
 #[inline(always)]
 pub(super) fn add_square<T: Scalar>(sum: T, difference: T) -> T {
-    sum.plus(difference.times(difference))
+    sum + difference * difference
 }
 
 /// Squared length of a vector given by axis.
@@ -25,13 +26,13 @@ fn norm2<T: Scalar, const D: usize>(difference: impl Fn(usize) -> T) -> T {
 /// Squared distance between two points.
 #[inline(always)]
 pub fn dist2<T: Scalar, const D: usize>(a: &[T; D], b: &[T; D]) -> T {
-    norm2::<T, D>(|axis| a[axis].minus(b[axis]))
+    norm2::<T, D>(|axis| a[axis] - b[axis])
 }
 
 /// Length of the gap between two intervals; 0 where they overlap.
 #[inline(always)]
 fn gap<T: Scalar>(a: (T, T), b: (T, T)) -> T {
-    a.0.minus(b.1).larger(b.0.minus(a.1)).larger(T::of(0.0))
+    (a.0 - b.1).larger(b.0 - a.1).larger(T::ZERO)
 }
 
 /// A squared distance that no point of the box falls below: rounding keeps the order of numbers.
@@ -55,7 +56,7 @@ pub(crate) fn is_swept_near<T: Scalar, const D: usize>(around: &BoxN<T, D>, reac
 /// How far boxes are looked for: the radius with the slack of its roundings, and a length below which squares may vanish.
 #[inline(always)]
 pub(crate) fn reach<T: Scalar>(radius: T) -> T {
-    radius.times(T::of(RADIUS_SLACK)).plus(T::of(1.0 / T::MAX_COORDINATE.to_f64()))
+    radius * T::of(RADIUS_SLACK) + T::ONE / T::MAX_COORDINATE
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::distance::add_square;
-use crate::structure::aabb_tree::Scalar;
+use crate::geometry::Scalar;
 
 /// Points whose distances are computed side by side.
 const LANES: usize = 8;
@@ -73,7 +73,7 @@ impl<T: Scalar, const D: usize> PointsN<T, D> {
             for (axis, &own) in center.iter().enumerate() {
                 let column = &self.columns[axis * self.stride + first..][..LANES];
                 for (sum, &coordinate) in sums.iter_mut().zip(column) {
-                    *sum = add_square(*sum, own.minus(coordinate));
+                    *sum = add_square(*sum, own - coordinate);
                 }
             }
             for (place, &sum) in (first..places.end).zip(&sums) {

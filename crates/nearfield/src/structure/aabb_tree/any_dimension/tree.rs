@@ -5,9 +5,10 @@ use std::time::Instant;
 use super::check;
 use super::points::PointsN;
 use super::settings::AabbTreeNSettings;
+use crate::geometry::Scalar;
 use crate::structure::BuildStage;
 use crate::structure::aabb_tree::build::{self, Item};
-use crate::structure::aabb_tree::{BoxN, Scalar, TreeSearch, TreeShape};
+use crate::structure::aabb_tree::{BoxN, TreeSearch, TreeShape};
 use crate::{Error, Result};
 
 /// Most dimensions of a tree.

@@ -1,7 +1,8 @@
 //! The invariants of the tree as code; the numbers are those of the module's page.
 
 use super::AabbTreeN;
-use crate::structure::aabb_tree::{BoxN, Scalar, TreeShape};
+use crate::geometry::Scalar;
+use crate::structure::aabb_tree::{BoxN, TreeShape};
 
 impl<T: Scalar, const D: usize> AabbTreeN<T, D> {
     /// The first broken invariant, in words; `None` for a sound tree. For tests and for debugging.

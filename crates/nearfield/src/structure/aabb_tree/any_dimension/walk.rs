@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use super::AabbTreeN;
 use super::distance::dist2_to_box;
-use crate::structure::aabb_tree::{BoxN, Scalar, TreeShape};
+use crate::geometry::Scalar;
+use crate::structure::aabb_tree::{BoxN, TreeShape};
 
 /// Nodes that wait: one a level at most, and the one at hand.
 const DEEPEST: usize = 34;
