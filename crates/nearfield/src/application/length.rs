@@ -135,7 +135,7 @@ mod tests {
         let points: Vec<[f64; 3]> = (0..400u32).map(|i| [f64::from(i / 2) * 0.5, 0.0, 0.0]).collect();
         let tree = tree(&points);
         assert_eq!(Length::Spacings(3.0).resolve("radius", &tree).unwrap(), 1.5);
-        assert_eq!(Length::Percent(10.0).resolve("radius", &tree).unwrap(), 9.95);
+        assert_eq!(Length::Percent(50.0).resolve("radius", &tree).unwrap(), 49.75);
         assert_eq!(Length::Absolute(7.0).resolve("radius", &tree).unwrap(), 7.0);
     }
 
