@@ -51,8 +51,8 @@ pub(crate) fn cases<T: Scalar, const D: usize>(n: usize) -> Vec<Case<T, D>> {
     let mut outlier = spread.clone();
     outlier[n / 2] = [T::of(1e6); D];
     let clusters = clustered(n, &mut random);
-    let beside: Vec<[T; D]> = clusters.iter().step_by(3).map(|p| p.map(|x: T| x.plus(T::of(0.01)))).collect();
-    let far: Vec<[T; D]> = some.iter().map(|p| p.map(|x: T| x.times(T::of(3.0)))).collect();
+    let beside: Vec<[T; D]> = clusters.iter().step_by(3).map(|p| p.map(|x: T| x + T::of(0.01))).collect();
+    let far: Vec<[T; D]> = some.iter().map(|p| p.map(|x: T| x * T::of(3.0))).collect();
     let radius = radius_for(&spread, 9);
     let lattice = lattice(n);
     vec![

@@ -88,7 +88,7 @@ pub(crate) fn answers_are_those_of_brute_force<T: Scalar, const D: usize>() {
             check(case.name, &mut tree, &case.points, plain.queries(&case.queries));
             // Radii that differ by a factor of 1000.
             let factor = |i: usize| T::of(10f64.powi((i % 4) as i32 - 3));
-            let radii = |n: usize| (0..n).map(|i| case.radius.times(factor(i))).collect::<Vec<T>>();
+            let radii = |n: usize| (0..n).map(|i| case.radius * factor(i)).collect::<Vec<T>>();
             check(case.name, &mut tree, &case.points, FixedRadiusN::each(&radii(case.points.len())));
             let each = radii(case.queries.len());
             check(case.name, &mut tree, &case.points, FixedRadiusN::each(&each).queries(&case.queries));
@@ -107,7 +107,7 @@ pub(crate) fn trees_follow_moving_points<T: Scalar, const D: usize>() {
         for (i, point) in points.iter_mut().enumerate() {
             let jumps = step % 7 == 3 && i % 10 == 0;
             let range = if jumps { 100.0 } else { range };
-            *point = point.map(|x: T| x.plus(T::of(range * (2.0 * f64::from(random.unit()) - 1.0))));
+            *point = point.map(|x: T| x + T::of(range * (2.0 * f64::from(random.unit()) - 1.0)));
         }
         if step == 20 {
             points.fill([T::of(0.5); D]);

@@ -6,8 +6,8 @@ use nearfield::geometry::Scalar;
 pub(crate) fn dist2<T: Scalar, const D: usize>(a: &[T; D], b: &[T; D]) -> T {
     let mut sum = T::of(0.0);
     for axis in 0..D {
-        let difference = a[axis].minus(b[axis]);
-        sum = sum.plus(difference.times(difference));
+        let difference = a[axis] - b[axis];
+        sum = sum + difference * difference;
     }
     sum
 }
@@ -33,7 +33,7 @@ pub(crate) fn within<T: Scalar, const D: usize>(
 ) -> Vec<Vec<(u32, T)>> {
     let row = |(i, query)| {
         let mut row = by_distance(points, query, exclude_self.then_some(i));
-        row.retain(|hit| hit.1 <= radius(i).times(radius(i)));
+        row.retain(|hit| hit.1 <= radius(i) * radius(i));
         row
     };
     queries.iter().enumerate().map(row).collect()
