@@ -33,7 +33,7 @@ pub use application::GpuPathTracer;
 pub use application::{Camera, Environment, Film, Material, Partition, PathSettings, PathTracer, Scene, Surface};
 pub use curve::{Curve, Domain, Octant};
 pub use error::{Error, Result};
-pub use geometry::{Aabb, PointCloud, Ray, Scalar, Sphere, TriMesh, Triangle};
+pub use geometry::{Aabb, DistanceGrid, PointCloud, Ray, RegularGrid, Scalar, Sphere, TriMesh, Triangle};
 pub use glam::{DVec3, Vec3};
 #[cfg(feature = "gpu")]
 pub use gpu::{DeviceChoice, Gpu};

@@ -1,7 +1,8 @@
-//! Values and formulas: boxes, balls, rays, triangles, clouds and meshes, and the one distance formula.
+//! Values and formulas: boxes, balls, rays, triangles, clouds, meshes and grids of values, and the one distance formula.
 
 mod aabb;
 pub mod distance;
+mod distance_grid;
 pub mod generate;
 pub mod height_field;
 mod ordered_points;
@@ -9,6 +10,7 @@ mod point_cloud;
 mod prepared_ray;
 mod prepared_triangle;
 mod ray;
+mod regular_grid;
 pub(crate) mod row_simd;
 mod scalar;
 mod sphere;
@@ -20,11 +22,13 @@ pub mod vector;
 
 pub use aabb::Aabb;
 pub use distance::Period;
+pub use distance_grid::DistanceGrid;
 pub use ordered_points::OrderedPoints;
 pub use point_cloud::{Attribute, Column, PointCloud};
 pub use prepared_ray::{PreparedRay, RayFault, RaySpace};
 pub use prepared_triangle::{LocalHit, PreparedTriangle};
 pub use ray::Ray;
+pub use regular_grid::RegularGrid;
 pub use scalar::Scalar;
 pub use sphere::Sphere;
 pub use tri_mesh::TriMesh;
