@@ -6,6 +6,7 @@ mod length;
 pub mod path_trace;
 mod point_flags;
 mod watch;
+pub mod winding_number;
 
 pub use domain_decomposition::{Exchange, PartReport, Partition, PartitionReport, compare_curves};
 pub use length::{Length, diagonal, spacing};
@@ -19,3 +20,6 @@ pub use path_trace::{GpuPathTracer, SceneLayout};
 pub use path_trace::{SceneReader, parse_scene, read_scene};
 pub use point_flags::PointFlags;
 pub use watch::{Progress, Watch};
+#[cfg(feature = "gpu")]
+pub use winding_number::{GpuWindingNumber, WindingLayout};
+pub use winding_number::{WindingNumber, disk_areas};

@@ -48,6 +48,8 @@ pub trait Scalar:
     fn sqrt(self) -> Self;
     /// e to this power.
     fn exp(self) -> Self;
+    /// The angle of the point (`x`, self), from −π to π.
+    fn atan2(self, x: Self) -> Self;
     /// Neither NaN nor infinite.
     fn is_finite(self) -> bool;
 
@@ -65,7 +67,7 @@ pub trait Scalar:
 }
 
 macro_rules! scalar {
-    ($t:ident, $largest:expr, $exp:path) => {
+    ($t:ident, $largest:expr, $exp:path, $atan2:path) => {
         impl Scalar for $t {
             const LARGEST: Self = $t::MAX;
             const SMALLEST: Self = $t::MIN;
@@ -106,6 +108,11 @@ macro_rules! scalar {
             }
 
             #[inline(always)]
+            fn atan2(self, x: Self) -> Self {
+                $atan2(self, x)
+            }
+
+            #[inline(always)]
             fn is_finite(self) -> bool {
                 $t::is_finite(self)
             }
@@ -113,5 +120,5 @@ macro_rules! scalar {
     };
 }
 
-scalar!(f32, 1e18, libm::expf);
-scalar!(f64, 1e150, libm::exp);
+scalar!(f32, 1e18, libm::expf, libm::atan2f);
+scalar!(f64, 1e150, libm::exp, libm::atan2);

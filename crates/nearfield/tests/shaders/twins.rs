@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::mem::offset_of;
 
-use nearfield::application::{PathParameters, PathState, SceneLayout};
+use nearfield::application::{PathParameters, PathState, SceneLayout, WindingLayout};
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
@@ -122,6 +122,7 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         padding
     }));
     BTreeMap::from([
+        ("WindingLayout", layout_of!(WindingLayout { center, scale, n_elements, depth, triangles, padding })),
         ("SceneLayout", scene),
         ("PathParameters", paths),
         ("SearchN", search),
