@@ -7,8 +7,9 @@
 
 mod any_dimension;
 mod boxes;
-#[cfg(feature = "gpu")]
 mod choose;
+#[cfg(feature = "gpu")]
+mod closest_point;
 mod coherent;
 mod cpu;
 mod fixed_radius;
@@ -34,6 +35,7 @@ pub use any_dimension::{CountsN, FixedRadiusN, KnnN, NearestFew, NearestN, Neigh
 pub use boxes::{BoxSearch, Boxes};
 #[cfg(feature = "gpu")]
 pub use choose::{Purpose, StructureChoice};
+pub use closest_point::{ClosestPoint, ClosestPointSearch};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
 pub use coherent::Sweep;
@@ -64,4 +66,5 @@ pub use ray_choice::{RayQuery, RayStructureChoice, RayTask};
 #[cfg(feature = "gpu")]
 pub use ray_index::{RayIndex, RayIndexSettings};
 pub use report::{Clock, Report, Stage};
+pub(crate) use rows::available_memory;
 pub use search::NeighborSearch;

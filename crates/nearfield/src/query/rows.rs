@@ -114,7 +114,7 @@ pub(super) fn too_large(entries: u64, question: &FixedRadius<'_>, n_points: usiz
 }
 
 /// Bytes of memory the host has left; no limit where that is not known.
-pub(super) fn available_memory() -> u64 {
+pub(crate) fn available_memory() -> u64 {
     let known = || {
         let info = std::fs::read_to_string("/proc/meminfo").ok()?;
         let line = info.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;

@@ -28,6 +28,7 @@ mod fitter;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod layout;
+mod nearest;
 mod refit;
 mod settings;
 mod split;
