@@ -9,6 +9,7 @@
 
 mod colors;
 mod columns;
+mod distance_grid;
 mod exr;
 mod format;
 mod guard;
@@ -25,9 +26,11 @@ mod stl;
 #[cfg(test)]
 mod test_data;
 mod text;
+mod vti;
 mod vtp;
 mod xyz;
 
+pub use distance_grid::{GridFormat, parse_distance_grid, read_distance_grid, write_distance_grid};
 pub use exr::write_exr;
 pub use format::{FORMATS, Format, FormatInfo};
 pub use npy::{NpyArray, write_npz};

@@ -29,6 +29,10 @@ pub enum NpyArray<'a> {
     F64x3(&'a [DVec3]),
     /// u8, [n, 4].
     U8x4(&'a [[u8; 4]]),
+    /// f32, [nz, ny, nx]: values of the nodes of a grid, with the number of nodes along x, y and z.
+    F32Grid(&'a [f32], [u32; 3]),
+    /// u32, as [`NpyArray::F32Grid`].
+    U32Grid(&'a [u32], [u32; 3]),
 }
 
 impl<'a> From<&'a Column> for NpyArray<'a> {
@@ -55,9 +59,9 @@ impl<'a> NpyArray<'a> {
             NpyArray::I16(_) => "i2",
             NpyArray::U16(_) => "u2",
             NpyArray::I32(_) => "i4",
-            NpyArray::U32(_) => "u4",
+            NpyArray::U32(_) | NpyArray::U32Grid(..) => "u4",
             NpyArray::U64(_) => "u8",
-            NpyArray::F32(_) | NpyArray::F32x3(_) => "f4",
+            NpyArray::F32(_) | NpyArray::F32x3(_) | NpyArray::F32Grid(..) => "f4",
             NpyArray::F64(_) | NpyArray::F64x3(_) => "f8",
         }
     }
@@ -77,6 +81,8 @@ impl<'a> NpyArray<'a> {
             NpyArray::F32x3(values) => bytemuck::cast_slice(values),
             NpyArray::F64x3(values) => bytemuck::cast_slice(values),
             NpyArray::U8x4(values) => values.as_flattened(),
+            NpyArray::F32Grid(values, _) => bytemuck::cast_slice(values),
+            NpyArray::U32Grid(values, _) => bytemuck::cast_slice(values),
         }
     }
 
@@ -90,6 +96,7 @@ impl<'a> NpyArray<'a> {
             NpyArray::F32x3(_) => (" 3", 12),
             NpyArray::F64x3(_) => (" 3", 24),
             NpyArray::U8x4(_) => (" 4", 4),
+            NpyArray::F32Grid(..) | NpyArray::U32Grid(..) => ("", 4),
         };
         let order = match self.kind() {
             "i1" | "u1" => '|',
@@ -97,7 +104,11 @@ impl<'a> NpyArray<'a> {
             _ => '<',
         };
         let (kind, rows) = (self.kind(), self.bytes().len() / element);
-        let mut text = format!("{{'descr': '{order}{kind}', 'fortran_order': False, 'shape': ({rows},{columns}), }}");
+        let shape = match self {
+            NpyArray::F32Grid(_, [nx, ny, nz]) | NpyArray::U32Grid(_, [nx, ny, nz]) => format!("{nz}, {ny}, {nx}"),
+            _ => format!("{rows},{columns}"),
+        };
+        let mut text = format!("{{'descr': '{order}{kind}', 'fortran_order': False, 'shape': ({shape}), }}");
         let preamble = 10;
         let padded = (preamble + text.len() + 1).next_multiple_of(64);
         text.extend(std::iter::repeat_n(' ', padded - preamble - text.len() - 1));
