@@ -97,6 +97,20 @@ pub enum Error {
         vertices: u64,
     },
 
+    /// Points without normals where the side of a surface is needed.
+    #[error(
+        "{without} of {points} points have no normal, the first at index {first}; estimate normals first (`nearfield normals`), \
+         or drop those points"
+    )]
+    NoNormals {
+        /// Number of points.
+        points: u64,
+        /// How many have no normal, or one without direction.
+        without: u64,
+        /// Index of the first one.
+        first: u64,
+    },
+
     /// A computation that its caller has ended.
     #[error("interrupted at {stage}, after {done} of {total}; start it again for the whole answer")]
     Interrupted {

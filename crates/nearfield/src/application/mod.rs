@@ -1,6 +1,7 @@
 //! What is made of points once they can be searched. An application is one folder, written on the structures and queries
 //! alone: what it needs and they lack is a missing query.
 
+pub mod distance_field;
 pub mod domain_decomposition;
 mod length;
 pub mod path_trace;
@@ -8,6 +9,11 @@ mod point_flags;
 mod watch;
 pub mod winding_number;
 
+pub use distance_field::{
+    DistanceField, DistanceMode, DistanceSettings, MeshClosure, MeshDistance, OrientedSamples, SignRule, grid_around,
+};
+#[cfg(feature = "gpu")]
+pub use distance_field::{FieldParameters, GpuDistanceField, GpuOrientedSamples};
 pub use domain_decomposition::{Exchange, PartReport, Partition, PartitionReport, compare_curves};
 pub use length::{Length, diagonal, spacing};
 pub use path_trace::{

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::mem::offset_of;
 
-use nearfield::application::{PathParameters, PathState, SceneLayout, WindingLayout};
+use nearfield::application::{FieldParameters, PathParameters, PathState, SceneLayout, WindingLayout};
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
@@ -122,6 +122,23 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         padding
     }));
     BTreeMap::from([
+        (
+            "FieldParameters",
+            layout_of!(FieldParameters {
+                grid_nodes,
+                n_bricks,
+                bricks,
+                mode,
+                radius,
+                radius2,
+                brick_radius,
+                spacing,
+                sigma,
+                undefined,
+                zero,
+                padding
+            }),
+        ),
         ("WindingLayout", layout_of!(WindingLayout { center, scale, n_elements, depth, triangles, padding })),
         ("SceneLayout", scene),
         ("PathParameters", paths),

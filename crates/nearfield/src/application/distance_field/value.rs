@@ -1,0 +1,206 @@
+//! The distance that the samples near a place give it. `value.wesl` is the twin.
+//!
+//! All is computed from offsets, query minus sample: coordinates far from zero cancel before anything is squared.
+
+use super::DistanceMode;
+use super::samples::OrientedSamples;
+use crate::geometry::Scalar;
+use crate::geometry::vector::{Vector, add_scaled, dot, norm2, scale, subtract};
+
+/// Squared distances beyond that of the nearest, in σ², up to which samples count: weights below e^−12 do not.
+pub(super) const REACH: f64 = 12.0;
+/// No value is nearer to 0 than the distance of the nearest sample less so many spacings.
+pub(super) const TRUSTED: f64 = 2.0;
+
+/// The nearest sample of a place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Near<T> {
+    pub(super) offset: Vector<T>,
+    pub(super) dist2: T,
+    pub(super) normal: Vector<T>,
+}
+
+impl<T: Scalar> Near<T> {
+    /// The distance from the nearest sample, with the sign of its normal; 0 counts as outside.
+    pub(super) fn nearest(&self) -> T {
+        let distance = self.dist2.sqrt();
+        if dot(self.offset, self.normal) >= T::ZERO { distance } else { -distance }
+    }
+
+    /// The distance from the plane of the nearest sample.
+    pub(super) fn plane(&self) -> T {
+        dot(self.offset, self.normal)
+    }
+
+    /// `value`, but no nearer to 0 than the samples allow.
+    fn kept_away(&self, value: T, spacing: T) -> T {
+        let least = self.dist2.sqrt() - T::of(TRUSTED) * spacing;
+        if value.abs() >= least {
+            value
+        } else if value >= T::ZERO {
+            least
+        } else {
+            -least
+        }
+    }
+}
+
+/// The distance at `query`.
+pub(super) fn distance<T: Scalar>(
+    samples: &OrientedSamples<T>,
+    query: &Vector<T>,
+    near: &Near<T>,
+    mode: DistanceMode,
+    smoothing: T,
+) -> T {
+    let sigma = smoothing * samples.spacing;
+    let value = match mode {
+        DistanceMode::Nearest => return near.nearest(),
+        DistanceMode::Imls if sigma > T::ZERO => imls(samples, query, near, sigma),
+        DistanceMode::Apss if sigma > T::ZERO => apss(samples, query, near, sigma),
+        _ => near.plane(),
+    };
+    near.kept_away(value, samples.spacing)
+}
+
+/// Calls `visit(offset, normal, t)` for every sample whose squared distance is that of the nearest and t · σ², t ≤ 12.
+fn around<T: Scalar>(
+    samples: &OrientedSamples<T>,
+    query: &Vector<T>,
+    near: &Near<T>,
+    sigma: T,
+    mut visit: impl FnMut(Vector<T>, Vector<T>, T),
+) {
+    let (sigma2, points) = (sigma * sigma, samples.tree.ordered_points());
+    let reach2 = near.dist2 + T::of(REACH) * sigma2;
+    samples.tree.descend(
+        0,
+        |node| crate::structure::aabb_tree::any_dimension::dist2_to_box(query, node) <= reach2,
+        |leaf| {
+            points.for_each_dist2(samples.tree.places(leaf), query, |place, dist2| {
+                if dist2 <= reach2 {
+                    let offset = subtract(*query, points.position(place));
+                    let beyond = (dist2 - near.dist2).larger(T::ZERO) / sigma2;
+                    visit(offset, samples.normals[points.ids()[place] as usize], beyond);
+                }
+            });
+        },
+    );
+}
+
+/// The mean of the distances from the planes, weighted by e^−t.
+fn imls<T: Scalar>(samples: &OrientedSamples<T>, query: &Vector<T>, near: &Near<T>, sigma: T) -> T {
+    let (mut sum, mut weights) = (T::ZERO, T::ZERO);
+    around(samples, query, near, sigma, |offset, normal, t| {
+        let weight = (-t).exp();
+        sum += weight * dot(offset, normal);
+        weights += weight;
+    });
+    // The nearest counts 1, but for what rounding leaves out.
+    if weights > T::ZERO { sum / weights } else { near.plane() }
+}
+
+/// Sums of the fit of a sphere, over samples at −offset from the query.
+#[derive(Debug, Clone, Copy)]
+struct SphereSums<T> {
+    weights: T,
+    /// Σ w p
+    points: Vector<T>,
+    /// Σ w n
+    normals: Vector<T>,
+    /// Σ w p·p
+    squares: T,
+    /// Σ w p·n
+    products: T,
+}
+
+impl<T: Scalar> SphereSums<T> {
+    const ZERO: Self =
+        Self { weights: T::ZERO, points: [T::ZERO; 3], normals: [T::ZERO; 3], squares: T::ZERO, products: T::ZERO };
+
+    fn add(&mut self, point: Vector<T>, normal: Vector<T>, weight: T) {
+        self.weights += weight;
+        self.points = add_scaled(self.points, point, weight);
+        self.normals = add_scaled(self.normals, normal, weight);
+        self.squares += weight * norm2(point);
+        self.products += weight * dot(point, normal);
+    }
+
+    /// The distance of the query from the algebraic sphere u_c + u_l·x + u_q x·x = 0, which may be a plane: the potential
+    /// u_c after Pratt's normalisation, 2 u_c / (1 + |u_l|) of it. `None` where no sphere is determined.
+    fn distance(&self) -> Option<T> {
+        let half = T::of(0.5);
+        let mean = scale(self.points, T::ONE / self.weights);
+        let spread = self.squares - dot(self.points, mean);
+        let bent = self.products - dot(self.normals, mean);
+        // Samples at one place have no curvature.
+        let is_spread = spread > T::of(16.0) * T::EPSILON * self.squares;
+        let quadratic = if is_spread { half * bent / spread } else { T::ZERO };
+        let linear = scale(add_scaled(self.normals, self.points, -(quadratic + quadratic)), T::ONE / self.weights);
+        let constant = -(dot(linear, self.points) + quadratic * self.squares) / self.weights;
+        let pratt2 = norm2(linear) - T::of(4.0) * constant * quadratic;
+        let pratt = (pratt2 > T::ZERO).then(|| pratt2.sqrt())?;
+        let (potential, gradient) = (constant / pratt, norm2(linear).sqrt() / pratt);
+        let distance = (potential + potential) / (T::ONE + gradient);
+        distance.is_finite().then_some(distance)
+    }
+}
+
+/// The distance from the sphere fitted with weights (1 − t/12)⁴.
+fn apss<T: Scalar>(samples: &OrientedSamples<T>, query: &Vector<T>, near: &Near<T>, sigma: T) -> T {
+    let mut sums = SphereSums::ZERO;
+    around(samples, query, near, sigma, |offset, normal, t| {
+        let inside = (T::ONE - t * T::of(1.0 / REACH)).larger(T::ZERO);
+        let square = inside * inside;
+        sums.add(scale(offset, -T::ONE), normal, square * square);
+    });
+    let fitted = (sums.weights > T::ZERO).then(|| sums.distance()).flatten();
+    fitted.unwrap_or_else(|| near.plane())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_distance_from_a_fitted_sphere_is_exact() {
+        let center = [0.3f64, -2.0, 1.1];
+        for (radius, outwards) in [(3.0, 1.0), (3.0, -1.0), (0.5, 1.0)] {
+            let mut sums = SphereSums::ZERO;
+            for i in 0..40 {
+                let z = 1.0 - (2 * i + 1) as f64 / 60.0;
+                let ring = (1.0 - z * z).sqrt();
+                let normal = [ring * libm::cos(f64::from(i)), ring * libm::sin(f64::from(i)), z];
+                sums.add(add_scaled(center, normal, radius), scale(normal, outwards), 1.0 + z);
+            }
+            let expected = outwards * (norm2(center).sqrt() - radius);
+            assert!((sums.distance().unwrap() - expected).abs() < 1e-9, "{:?} {expected}", sums.distance());
+        }
+    }
+
+    #[test]
+    fn flat_samples_give_the_plane_and_a_single_one_too() {
+        let mut sums = SphereSums::ZERO;
+        for i in 0..9 {
+            sums.add([f64::from(i % 3), f64::from(i / 3), -0.75], [0.0, 0.0, 1.0], 1.0);
+        }
+        assert!((sums.distance().unwrap() - 0.75).abs() < 1e-12);
+        let mut one = SphereSums::ZERO;
+        one.add([0.5f32, 0.25, -2.0], [0.0, 0.0, 1.0], 1.0);
+        assert_eq!(one.distance(), Some(2.0));
+        let mut opposite = SphereSums::ZERO;
+        opposite.add([0.0f32, 0.0, -1.0], [0.0, 0.0, 1.0], 1.0);
+        opposite.add([0.0f32, 0.0, -1.0], [0.0, 0.0, -1.0], 1.0);
+        assert_eq!(opposite.distance(), None);
+    }
+
+    #[test]
+    fn the_sign_of_zero_is_outside_and_values_keep_away() {
+        let near = |offset: [f64; 3]| Near { offset, dist2: norm2(offset), normal: [0.0, 0.0, 1.0] };
+        assert_eq!(near([3.0, 4.0, 0.0]).nearest(), 5.0);
+        assert_eq!(near([0.0, 0.0, -2.0]).nearest(), -2.0);
+        assert_eq!(near([3.0, 4.0, 0.0]).kept_away(0.0, 1.0), 3.0);
+        assert_eq!(near([3.0, 4.0, -0.5]).kept_away(-0.5, 2.0), -near([3.0, 4.0, -0.5]).dist2.sqrt() + 4.0);
+        assert_eq!(near([0.0, 0.0, 5.0]).kept_away(5.0, 1.0), 5.0);
+    }
+}

@@ -1,0 +1,115 @@
+//! Distance fields of the device against those of the CPU: the same indices and undefined nodes, the same distances up to
+//! rounding.
+
+mod support;
+
+use libtest_mimic::{Arguments, Trial};
+use nearfield::application::{
+    DistanceField, DistanceMode, DistanceSettings, GpuOrientedSamples, OrientedSamples, SignRule, Watch, grid_around,
+};
+use nearfield::geometry::RegularGrid;
+use nearfield::gpu::Gpu;
+use nearfield::{Aabb, DVec3, Error, Vec3};
+use support::{Random, gpu_trial};
+
+/// Samples of a torus and their normals.
+fn torus(n: usize) -> (Vec<Vec3>, Vec<Vec3>) {
+    let mut random = Random(17);
+    let (mut points, mut normals) = (vec![], vec![]);
+    while points.len() < n {
+        let [u, v] = [(); 2].map(|()| 2.0 * std::f32::consts::PI * random.unit());
+        let ring = 1.0 + 0.4 * v.cos();
+        if 1.4 * random.unit() <= ring {
+            points.push(Vec3::new(ring * u.cos(), ring * u.sin(), 0.4 * v.sin()));
+            normals.push(Vec3::new(v.cos() * u.cos(), v.cos() * u.sin(), v.sin()));
+        }
+    }
+    (points, normals)
+}
+
+fn grid(points: &[Vec3], resolution: u32) -> RegularGrid {
+    grid_around(DVec3::ZERO, &Aabb::of_points(points), resolution, 4.0).unwrap()
+}
+
+fn arrays(vectors: &[Vec3]) -> Vec<[f32; 3]> {
+    vectors.iter().map(|v| v.to_array()).collect()
+}
+
+fn both(gpu: &Gpu, n: usize, resolution: u32, settings: &DistanceSettings) -> [DistanceField; 2] {
+    let (points, normals) = torus(n);
+    let grid = grid(&points, resolution);
+    let samples = OrientedSamples::new(&arrays(&points), &arrays(&normals)).unwrap();
+    let here = samples.distance_field(&grid, settings, &mut Watch::none()).unwrap();
+    let there = GpuOrientedSamples::build(gpu, &points, &normals).unwrap();
+    assert!((there.spacing() / samples.spacing() - 1.0).abs() < 0.05, "{} {}", there.spacing(), samples.spacing());
+    [here, there.distance_field(&grid, settings).unwrap().read().unwrap()]
+}
+
+/// The largest difference in units of the last place; both sides must be undefined at the same nodes.
+fn difference_in_ulp(a: &DistanceField, b: &DistanceField) -> i64 {
+    let ordered = |x: f32| if x < 0.0 { -i64::from((-x).to_bits()) } else { i64::from(x.to_bits()) };
+    let pairs = a.distances.values().iter().zip(b.distances.values());
+    let differ = pairs.map(|(&a, &b)| match (a.is_nan(), b.is_nan()) {
+        (true, true) => 0,
+        (false, false) => (ordered(a) - ordered(b)).abs(),
+        _ => i64::MAX,
+    });
+    differ.max().unwrap()
+}
+
+fn main() {
+    let mut trials: Vec<Trial> = vec![gpu_trial("a_planted_difference_is_seen", |gpu| {
+        let [mut here, there] = both(gpu, 500, 25, &DistanceSettings::default().mode(DistanceMode::Nearest));
+        let at = here.distances.values().iter().position(|v| !v.is_nan()).unwrap();
+        let changed = f32::from_bits(here.distances.values()[at].to_bits() + 9);
+        here.distances.values_mut()[at] = changed;
+        assert!(difference_in_ulp(&here, &there) >= 5);
+        here.distances.values_mut()[at] = f32::NAN;
+        assert_eq!(difference_in_ulp(&here, &there), i64::MAX);
+    })];
+    for (name, band) in [("narrow", 4.0), ("wide", 20.0), ("endless", f64::INFINITY)] {
+        trials.push(gpu_trial(format!("{name}_bands_are_those_of_the_cpu_in_index_and_mask"), move |gpu| {
+            let settings = DistanceSettings::default().mode(DistanceMode::Nearest).band(band);
+            let [here, there] = both(gpu, 10_000, 57, &settings);
+            let differ = here.nearest.iter().zip(&there.nearest).filter(|(a, b)| a != b).count();
+            assert_eq!(differ, 0, "indices differ");
+            let ulp = difference_in_ulp(&here, &there);
+            println!("{name}: {} nodes, {ulp} ulp", here.n_defined());
+            assert!(ulp <= 4, "{ulp} ulp");
+        }));
+    }
+    for mode in [DistanceMode::Plane, DistanceMode::Imls, DistanceMode::Apss] {
+        trials.push(gpu_trial(format!("{mode}_on_the_device_is_that_of_the_cpu"), move |gpu| {
+            let [here, there] = both(gpu, 8000, 41, &DistanceSettings::default().mode(mode));
+            assert_eq!(here.nearest, there.nearest);
+            let width = here.distances.grid().spacing();
+            let pairs = here.distances.values().iter().zip(there.distances.values());
+            let far = pairs.filter(|(a, b)| a.is_nan() != b.is_nan() || (*a - *b).abs() > 1e-4 * width).count();
+            // Weights of a sample at the border of its neighbourhood may be there and not here.
+            assert!(far <= here.n_defined() / 1000, "{far} of {} differ", here.n_defined());
+        }));
+    }
+    trials.push(gpu_trial("signs_by_winding_number_are_those_of_the_cpu", |gpu| {
+        let settings = DistanceSettings::default().sign(SignRule::WindingNumber);
+        let [here, there] = both(gpu, 6000, 33, &settings);
+        let width = here.distances.grid().spacing();
+        let pairs = here.distances.values().iter().zip(there.distances.values());
+        let wrong = pairs.filter(|(a, b)| a.is_sign_negative() != b.is_sign_negative() && a.abs() > 0.1 * width);
+        assert_eq!(wrong.count(), 0);
+    }));
+    trials.push(gpu_trial("what_cannot_be_computed_on_the_device_says_why", |gpu| {
+        let (points, normals) = torus(200);
+        let samples = GpuOrientedSamples::build(gpu, &points, &normals).unwrap();
+        let settings = DistanceSettings::default();
+        let away = RegularGrid::new(DVec3::ZERO, Vec3::splat(50.0), 0.1, [9; 3]).unwrap();
+        let error = samples.distance_field(&away, &settings).unwrap_err().to_string();
+        assert!(error.contains("none of 200 samples"), "{error}");
+        let error = samples.distance_field(&grid(&points, 33), &settings.max_bytes(9)).unwrap_err();
+        assert!(matches!(error, Error::OutOfMemory { .. }), "{error}");
+        assert!(samples.distance_field(&grid(&points, 33), &settings.sign(SignRule::Pseudonormal)).is_err());
+        assert!(matches!(GpuOrientedSamples::build(gpu, &points, &[]), Err(Error::NoNormals { .. })));
+        let none = GpuOrientedSamples::build(gpu, &[], &[]).unwrap();
+        assert!(none.is_empty() && none.distance_field(&grid(&points, 33), &settings).is_err());
+    }));
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
