@@ -85,7 +85,9 @@ impl Failure {
 fn code_of(error: &Error) -> u8 {
     match error {
         Error::NonFinite { .. } | Error::CoordinateTooLarge { .. } | Error::File(_) => 65,
-        Error::LengthMismatch { .. } | Error::TooMany { .. } | Error::NoTriangles { .. } => 65,
+        Error::LengthMismatch { .. } | Error::TooMany { .. } | Error::NoTriangles { .. } | Error::NoNormals { .. } => {
+            65
+        }
         Error::InvalidRadius { .. } | Error::InvalidSetting { .. } | Error::Unsupported { .. } => 2,
         Error::OutOfMemory { .. } | Error::OutOfDeviceMemory { .. } => 75,
         Error::NoDevice { .. } | Error::DeviceLost { .. } | Error::Device { .. } => 69,

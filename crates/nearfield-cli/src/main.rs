@@ -38,6 +38,8 @@ mod render;
 mod render_picture;
 mod render_scene;
 mod report;
+mod sdf;
+mod sdf_picture;
 mod sort;
 mod sort_picture;
 mod spacing;
@@ -81,6 +83,7 @@ enum Verb {
     Info(info::InfoArgs),
     Convert(convert::ConvertArgs),
     Generate(generate::GenerateArgs),
+    Sdf(Box<sdf::SdfArgs>),
     Sort(sort::SortArgs),
     Devices(devices::DevicesArgs),
     Formats(formats::FormatsArgs),
@@ -145,6 +148,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Info(args) => info::run(args, common),
         Verb::Convert(args) => convert::run(args, common),
         Verb::Generate(args) => generate::run(args, common),
+        Verb::Sdf(args) => sdf::run(args, common),
         Verb::Sort(args) => sort::run(args, common),
         Verb::Devices(args) => devices::run(args),
         Verb::Formats(args) => formats::run(args),
@@ -155,7 +159,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
 /// What is wrong with the command line, in one line.
 fn usage_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, info, convert, generate, sort, devices, \
+        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, sdf, info, convert, generate, sort, devices, \
                 formats or completions; \
                 `nearfield --help` explains"
             .to_owned();

@@ -6,6 +6,7 @@ mod neighbors;
 mod octree;
 mod rays;
 mod render;
+mod sdf;
 mod sort;
 mod verbs;
 
