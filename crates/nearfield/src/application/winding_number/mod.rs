@@ -6,7 +6,7 @@
 //!
 //! Source: Barill2018. A tree is laid over the elements; a node whose centre is farther than β times its radius is replaced
 //! by the Taylor expansion of its dipoles about its centre up to the second order, all others are opened. The error falls
-//! with β³; at β = 2 it is some 1e-3. Differs: of each order only the symmetric part is kept (23 numbers a node), all
+//! with β³; at β = 2 it is a few 1e-3. Differs: of each order only the symmetric part is kept (23 numbers a node), all
 //! that counts in a harmonic field; expansions of inner nodes are moved up from their children.
 //!
 //! Cost: 24 numbers a node, a node for every 3 to 4 elements, and the elements; the build is that of an AABB-tree and one
