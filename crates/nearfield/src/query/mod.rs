@@ -50,7 +50,7 @@ pub use gpu::{
     DeviceQueries, ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor,
 };
 #[cfg(feature = "gpu")]
-pub(crate) use gpu::{VisitorModule, record_module};
+pub(crate) use gpu::{VisitorModule, record_module, visit_nearest};
 #[cfg(feature = "gpu")]
 pub use index::{Index, IndexSettings};
 pub use knn::{Knn, KnnSearch, NearestNeighbors};

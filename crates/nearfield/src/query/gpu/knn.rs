@@ -118,7 +118,7 @@ impl KnnSearch for GpuBruteForce {
     }
 }
 
-fn report<S: NearestOnDevice>(tree: &S) -> Report {
+pub(super) fn report<S: NearestOnDevice>(tree: &S) -> Report {
     Report {
         structure: S::NAME,
         search: S::NEAREST,
@@ -130,7 +130,7 @@ fn report<S: NearestOnDevice>(tree: &S) -> Report {
 }
 
 /// Rows of `places` neighbours of these queries, and the times of finding them.
-fn find<S: NearestOnDevice>(
+pub(super) fn find<S: NearestOnDevice>(
     tree: &S,
     within: &FixedRadius<'_>,
     queries: &QueryBuffers,

@@ -3,7 +3,7 @@
 //! `visit` runs a visitor; `answers` are count and nearest; `list` is the list with its batches, `capped_list` that of
 //! the nearest; `on_device` leaves answers there; `row_masks` is the fast way to write rows; `visitor` takes a caller's
 //! own WGSL, `device_queries` takes queries that are there already; `knn` finds the nearest of a tree and `boxes` what
-//! lies in boxes; `loops` keeps answers exact on devices that end long loops.
+//! lies in boxes, `knn_visit` runs visitors on the nearest; `loops` keeps answers exact on devices that end long loops.
 
 mod answers;
 mod any_dimension;
@@ -14,6 +14,7 @@ mod device_queries;
 mod knn;
 mod knn_boxes;
 mod knn_octants;
+mod knn_visit;
 mod list;
 mod loops;
 mod on_device;
@@ -31,6 +32,7 @@ pub use knn::GpuNearestNeighbors;
 pub use knn_boxes::KnnRun;
 #[doc(hidden)]
 pub use knn_octants::KnnBatch;
+pub(crate) use knn_visit::visit_nearest;
 pub use on_device::{GpuNeighborRows, GpuNeighbors, SearchOnDevice};
 #[doc(hidden)]
 pub use visit::Batch;

@@ -209,7 +209,7 @@ impl QueryBuffers {
 }
 
 /// Points of the structure with the caller's indices in `window`, in the caller's order.
-fn restored_points<S: GpuStructure>(structure: &S, window: Range<usize>) -> Result<Buffer<DevicePoint>> {
+pub(super) fn restored_points<S: GpuStructure>(structure: &S, window: Range<usize>) -> Result<Buffer<DevicePoint>> {
     let gpu = structure.gpu();
     let restored = gpu.buffer("points in the caller's order", window.len())?;
     let parameters = [structure.len() as u32, window.start as u32, window.len() as u32, 0];
