@@ -30,7 +30,10 @@ pub mod structure;
 
 #[cfg(feature = "gpu")]
 pub use application::GpuPathTracer;
-pub use application::{Camera, Environment, Film, Material, Partition, PathSettings, PathTracer, Scene, Surface};
+pub use application::{
+    Camera, Environment, Film, Material, NormalMethod, NormalSettings, Normals, Partition, PathSettings, PathTracer,
+    Scene, Surface,
+};
 pub use curve::{Curve, Domain, Octant};
 pub use error::{Error, Result};
 pub use geometry::{Aabb, DistanceGrid, PointCloud, Ray, RegularGrid, Scalar, Sphere, TriMesh, Triangle};
