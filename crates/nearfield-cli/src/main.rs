@@ -22,6 +22,7 @@ mod lists;
 mod neighbors;
 mod neighbors_answer;
 mod neighbors_picture;
+mod normals;
 mod octree;
 mod octree_file;
 mod octree_picture;
@@ -81,6 +82,7 @@ enum Verb {
     Raycast(Box<raycast::RaycastArgs>),
     Render(Box<render::RenderArgs>),
     Info(info::InfoArgs),
+    Normals(Box<normals::NormalsArgs>),
     Convert(convert::ConvertArgs),
     Generate(generate::GenerateArgs),
     Sdf(Box<sdf::SdfArgs>),
@@ -146,6 +148,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Raycast(args) => raycast::run(args, common),
         Verb::Render(args) => render::run(args, common),
         Verb::Info(args) => info::run(args, common),
+        Verb::Normals(args) => normals::run(args, common),
         Verb::Convert(args) => convert::run(args, common),
         Verb::Generate(args) => generate::run(args, common),
         Verb::Sdf(args) => sdf::run(args, common),
@@ -159,8 +162,8 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
 /// What is wrong with the command line, in one line.
 fn usage_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, sdf, info, convert, generate, sort, devices, \
-                formats or completions; \
+        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, sdf, info, normals, smooth, mesh, offset, \
+                convert, generate, sort, devices, formats or completions; \
                 `nearfield --help` explains"
             .to_owned();
     }

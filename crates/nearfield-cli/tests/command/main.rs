@@ -3,6 +3,7 @@
 mod failures;
 mod nearest;
 mod neighbors;
+mod normals;
 mod octree;
 mod rays;
 mod render;
