@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::Args;
-use nearfield::geometry::generate::{CloudKind, MeshKind, cloud, mesh};
+use nearfield::geometry::generate::{CloudKind, MeshKind, add_noise, cloud, mesh};
 use nearfield::io::{Format, WriteOptions, write_cloud, write_mesh};
 
 use crate::exit::Failure;
-use crate::options::{Amount, Common};
+use crate::options::{Amount, Common, Length};
 use crate::output;
 use crate::progress::Progress;
 use crate::report::grouped;
@@ -18,6 +18,7 @@ use crate::report::grouped;
 #[command(after_help = "Examples:
   nearfield generate lidar -n 200000 --seed 7 -o street.ply
   nearfield generate icosphere -n 20000 -o ball.obj
+  nearfield generate torus -n 100000 --noise 0.5% -o noisy.ply
 
 Clouds: uniform, shell, clustered, plummer, lidar, torus, terrain, all-equal, line, lattice.
 Meshes: icosphere, cube, torus-mesh, cornell, soup; -n is about the number of triangles.
@@ -33,6 +34,10 @@ pub(crate) struct GenerateArgs {
     /// Picks one of the equally likely results
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
+
+    /// Gaussian noise that every point of a cloud is moved by: its deviation along each axis, as a length or a part of the diagonal
+    #[arg(long, value_name = "LENGTH")]
+    noise: Option<Length>,
 
     /// The file to write, or - for standard output
     #[arg(short, long, value_name = "FILE")]
@@ -82,11 +87,16 @@ pub(crate) fn run(args: &GenerateArgs, common: &Common) -> Result<(), Failure> {
     output::check(&args.output, args.force)?;
     let options = WriteOptions { format: Some(format), force: args.force, ascii: args.ascii };
     let n = args.n.0;
+    let noise = args.noise()?;
     let progress = Progress::start(common, "making points");
     let written = match args.kind {
         Kind::Cloud(kind) => {
             fits("the cloud", n, POINT_BYTES, common)?;
-            let cloud = cloud(kind, n, args.seed);
+            let mut cloud = cloud(kind, n, args.seed);
+            if let Some(noise) = noise {
+                let sigma = noise.within(&cloud.bounds());
+                add_noise(&mut cloud.points, sigma.into(), args.seed);
+            }
             progress.step(format!("writing {}", args.output.display()));
             write_cloud(&args.output, &cloud, &options).map_err(Failure::writing)?;
             format!("{} points", grouped(cloud.len() as u64))
@@ -103,6 +113,20 @@ pub(crate) fn run(args: &GenerateArgs, common: &Common) -> Result<(), Failure> {
     drop(progress);
     common.note(&format!("{written} written to {}", output::shown(&args.output)));
     Ok(())
+}
+
+impl GenerateArgs {
+    fn noise(&self) -> Result<Option<Length>, Failure> {
+        match (self.noise, self.kind) {
+            (Some(_), Kind::Mesh(kind)) => {
+                Err(Failure::Usage(format!("--noise moves points of clouds, and {kind} is a mesh")))
+            }
+            (Some(Length::Absolute(sigma) | Length::Percent(sigma)), _) if !(sigma >= 0.0 && sigma.is_finite()) => {
+                Err(Failure::Usage(format!("--noise {sigma}: expected a length of 0 or more")))
+            }
+            (noise, _) => Ok(noise),
+        }
+    }
 }
 
 /// Checks that `n` elements may be had, by the user's limit and by trying: the generators themselves do not fail.

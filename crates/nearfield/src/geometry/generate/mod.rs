@@ -9,6 +9,7 @@ mod clouds;
 mod kinds;
 mod lidar;
 mod meshes;
+mod noise;
 mod random;
 mod terrain;
 
@@ -17,6 +18,7 @@ mod tests;
 
 pub use clouds::LATTICE_SPACING;
 pub use kinds::{CloudKind, MeshKind};
+pub use noise::{add_noise, surface_samples};
 
 use super::{PointCloud, TriMesh};
 

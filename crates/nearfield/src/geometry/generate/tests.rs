@@ -370,3 +370,35 @@ fn soup_has_n_separate_triangles_of_its_width() {
     }
     assert!(super::mesh(MeshKind::Soup, 0, SEED).triangles.is_empty());
 }
+
+#[test]
+fn noise_has_its_deviation_along_every_axis() {
+    let mut points = vec![Vec3::new(1.0, -2.0, 3.0); 40_000];
+    add_noise(&mut points, 0.25, SEED);
+    for axis in 0..3 {
+        let offsets = || points.iter().map(|p| f64::from(p[axis]) - [1.0, -2.0, 3.0][axis]);
+        let mean = offsets().sum::<f64>() / 40_000.0;
+        let variance = offsets().map(|x| x * x).sum::<f64>() / 40_000.0;
+        // Five standard errors: 5 σ / √n, and 5 σ² √(2 / n).
+        assert!(mean.abs() < 0.0063 && (variance - 0.0625).abs() < 0.0023, "axis {axis}: {mean}, {variance}");
+    }
+    let mut again = vec![Vec3::new(1.0, -2.0, 3.0); 100];
+    add_noise(&mut again, 0.25, SEED);
+    assert_eq!(again, points[..100]);
+}
+
+#[test]
+fn samples_of_a_mesh_lie_on_it_by_area() {
+    // The unit cube: a sixth of the points on each side, and normals that point out of it.
+    let made = surface_samples(&mesh(MeshKind::Cube, 1200, 1), 60_000, SEED);
+    let (points, normals) = (&made.points, made.normals.as_ref().unwrap());
+    let mut sides = HashMap::new();
+    for (p, n) in points.iter().zip(normals) {
+        let axis = (0..3).find(|&axis| n[axis].abs() == 1.0).unwrap();
+        assert_eq!(p[axis], if n[axis] > 0.0 { 1.0 } else { 0.0 });
+        *sides.entry((axis, n[axis] > 0.0)).or_insert(0u32) += 1;
+    }
+    // Five deviations of a binomial: 5 √(n · 5 / 36) = 456.
+    assert!(sides.len() == 6 && sides.values().all(|&count| count.abs_diff(10_000) < 456), "{sides:?}");
+    assert!(surface_samples(&TriMesh::default(), 10, 1).points.is_empty());
+}
