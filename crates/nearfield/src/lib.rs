@@ -28,12 +28,12 @@ pub mod parallel;
 pub mod query;
 pub mod structure;
 
-#[cfg(feature = "gpu")]
-pub use application::GpuPathTracer;
 pub use application::{
-    Camera, Environment, Film, Material, NormalMethod, NormalSettings, Normals, Partition, PathSettings, PathTracer,
-    Scene, Surface,
+    Camera, Environment, Film, Material, MlsMethod, MlsProjection, MlsSettings, MlsSmoothing, NormalMethod,
+    NormalSettings, Normals, Partition, PathSettings, PathTracer, Scene, Surface,
 };
+#[cfg(feature = "gpu")]
+pub use application::{GpuMlsProjection, GpuMlsSmoothing, GpuPathTracer};
 pub use curve::{Curve, Domain, Octant};
 pub use error::{Error, Result};
 pub use geometry::{Aabb, DistanceGrid, PointCloud, Ray, RegularGrid, Scalar, Sphere, TriMesh, Triangle};

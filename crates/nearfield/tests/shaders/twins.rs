@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use nearfield::application::{FieldParameters, PathParameters, PathState, SceneLayout, WindingLayout};
+use nearfield::application::mls::{ConcludeParameters, FitParameters, FitState, IterationSums, PointPlace};
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
@@ -121,6 +122,32 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         next_event,
         padding
     }));
+    let fit = layout_of!(FitParameters {
+        weight_kind,
+        weight_a,
+        weight_b,
+        least,
+        has_normals,
+        own_radii,
+        degree,
+        stage,
+        from_origin,
+        value,
+        falloff,
+        padding
+    });
+    let conclude = layout_of!(ConcludeParameters {
+        center,
+        n_points,
+        domain,
+        accuracy,
+        projects,
+        is_last,
+        oriented,
+        n_sums,
+        padding_0,
+        padding_1
+    });
     BTreeMap::from([
         (
             "FieldParameters",
@@ -140,6 +167,8 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
             }),
         ),
         ("WindingLayout", layout_of!(WindingLayout { center, scale, n_elements, depth, triangles, padding })),
+        ("MlsFitParameters", fit),
+        ("MlsConcludeParameters", conclude),
         ("SceneLayout", scene),
         ("PathParameters", paths),
         ("SearchN", search),
@@ -183,10 +212,30 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ("PathState", layout_of!(PathState { origin, slot, direction, density, throughput, eta_scale })),
         ("RayWork", layout_of!(RayWork { triangle_tests, node_visits, leaf_visits, rope_steps })),
     ];
+    let fits = [
+        ("MlsFit", layout_of!(FitState { goal, said, normal, curvature, mean_distance, reach, t, state })),
+        ("MlsPlace", layout_of!(PointPlace { origin, done, at, flags, normal, curvature })),
+        (
+            "MlsSums",
+            layout_of!(IterationSums {
+                fitted,
+                moving,
+                neighbors,
+                moves,
+                largest,
+                along,
+                outwards,
+                distances,
+                flagged,
+                padding_0,
+                padding_1
+            }),
+        ),
+    ];
     let compressed =
         layout_of!(CompressedNode { origin, steps, first_node, first_triangle, slots, low_xy, low_z_high_x, high_yz });
     let nodes = [("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node), ("CompressedNode", compressed)];
-    BTreeMap::from_iter(nodes.into_iter().chain(rays).chain([("Asked", asked), ("HitN", hit)]))
+    BTreeMap::from_iter(nodes.into_iter().chain(rays).chain(fits).chain([("Asked", asked), ("HitN", hit)]))
 }
 
 /// The layout of a domain, whose fields are private: from where its values stand.
