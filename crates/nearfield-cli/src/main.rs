@@ -41,6 +41,9 @@ mod render_scene;
 mod report;
 mod sdf;
 mod sdf_picture;
+mod smooth;
+mod smooth_picture;
+mod smooth_report;
 mod sort;
 mod sort_picture;
 mod spacing;
@@ -86,6 +89,7 @@ enum Verb {
     Convert(convert::ConvertArgs),
     Generate(generate::GenerateArgs),
     Sdf(Box<sdf::SdfArgs>),
+    Smooth(Box<smooth::SmoothArgs>),
     Sort(sort::SortArgs),
     Devices(devices::DevicesArgs),
     Formats(formats::FormatsArgs),
@@ -152,6 +156,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Convert(args) => convert::run(args, common),
         Verb::Generate(args) => generate::run(args, common),
         Verb::Sdf(args) => sdf::run(args, common),
+        Verb::Smooth(args) => smooth::run(args, common),
         Verb::Sort(args) => sort::run(args, common),
         Verb::Devices(args) => devices::run(args),
         Verb::Formats(args) => formats::run(args),

@@ -157,6 +157,11 @@ impl Camera {
         })
     }
 
+    /// Unit vectors to the right and up on the picture, and from the center to the eye.
+    pub(crate) fn axes(&self) -> [Vec3; 3] {
+        [self.right, self.up, self.toward_eye].map(|axis| axis.as_vec3())
+    }
+
     /// Unit vector from the center to the eye.
     #[cfg(test)]
     pub(crate) fn toward_eye(&self) -> Vec3 {

@@ -88,6 +88,11 @@ pub(crate) fn draw(scene: &Scene<'_>, size: PictureSize) -> Image {
     image
 }
 
+/// The directions to the right and up on pictures of these points, and from them to the eye.
+pub(crate) fn axes(points: &[Vec3], up: Up) -> [Vec3; 3] {
+    Camera::fitted(points, up, Frame { left: 0.0, top: 0.0, width: 1.0, height: 1.0 }).axes()
+}
+
 /// Where the drawing goes: beside the legend and below the title. `unit` is the size of a pixel.
 fn frame(scene: &Scene<'_>, size: PictureSize, unit: f32) -> Frame {
     let right = match (&scene.bar, scene.swatches.is_empty()) {
@@ -112,6 +117,17 @@ impl Image {
         let (width, height) = (width as usize, height as usize);
         assert_eq!(pixels.len(), width * height, "a picture should have all of its pixels");
         Self { width, height, pixels }
+    }
+
+    /// Two pictures of one height, side by side.
+    ///
+    /// # Panics
+    /// If they are not of one height.
+    pub(crate) fn beside(left: &Self, right: &Self) -> Self {
+        assert_eq!(left.height, right.height, "pictures side by side should be of one height");
+        let row = |image: &Self, y: usize| image.pixels[y * image.width..(y + 1) * image.width].to_vec();
+        let pixels = (0..left.height).flat_map(|y| [row(left, y), row(right, y)].concat()).collect();
+        Self { width: left.width + right.width, height: left.height, pixels }
     }
 
     /// Paints one pixel over, `alpha` 0 … 1; outside the picture nothing happens.

@@ -8,6 +8,7 @@ mod octree;
 mod rays;
 mod render;
 mod sdf;
+mod smooth;
 mod sort;
 mod verbs;
 

@@ -4,8 +4,8 @@
 pub mod distance_field;
 pub mod domain_decomposition;
 mod length;
-pub mod normals;
 pub mod mls;
+pub mod normals;
 pub mod path_trace;
 mod point_flags;
 mod watch;
@@ -19,13 +19,14 @@ pub use distance_field::{FieldParameters, GpuDistanceField, GpuOrientedSamples};
 pub use domain_decomposition::{Exchange, PartReport, Partition, PartitionReport, compare_curves};
 pub use length::{Length, diagonal, spacing};
 #[cfg(feature = "gpu")]
+pub use mls::{GpuMlsProjection, GpuMlsSmoothing, MlsPoints};
+pub use mls::{MlsMethod, MlsProjection, MlsReport, MlsSettings, MlsSmoothing, PlaneSearch, Support, Weight};
+#[cfg(feature = "gpu")]
 pub use normals::{GpuNormals, estimate_normals_on_gpu};
 pub use normals::{
     Neighborhood, NormalMethod, NormalSettings, Normals, SpanningTree, Viewpoint, WindingOrientation, estimate_normals,
     estimate_normals_at, orient_by_spanning_tree, orient_by_viewpoint, orient_by_winding_number,
 };
-pub use mls::{GpuMlsProjection, GpuMlsSmoothing, MlsPoints};
-pub use mls::{MlsMethod, MlsProjection, MlsReport, MlsSettings, MlsSmoothing, PlaneSearch, Support, Weight};
 pub use path_trace::{
     Camera, CameraFrame, Environment, EnvironmentImage, Film, Material, PathCounters, PathParameters, PathSettings,
     PathState, PathTracer, PointLight, Scene, Surface,

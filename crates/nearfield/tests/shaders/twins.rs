@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::mem::offset_of;
 
-use nearfield::application::{FieldParameters, PathParameters, PathState, SceneLayout, WindingLayout};
 use nearfield::application::mls::{ConcludeParameters, FitParameters, FitState, IterationSums, PointPlace};
+use nearfield::application::{FieldParameters, PathParameters, PathState, SceneLayout, WindingLayout};
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
