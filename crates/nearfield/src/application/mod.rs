@@ -3,6 +3,7 @@
 
 pub mod distance_field;
 pub mod domain_decomposition;
+pub mod dual_contouring;
 mod length;
 pub mod mls;
 pub mod normals;
@@ -17,6 +18,12 @@ pub use distance_field::{
 #[cfg(feature = "gpu")]
 pub use distance_field::{FieldParameters, GpuDistanceField, GpuOrientedSamples};
 pub use domain_decomposition::{Exchange, PartReport, Partition, PartitionReport, compare_curves};
+pub use dual_contouring::{
+    Contour, ContourReport, ContourSettings, Crossing, FieldHermite, FunctionHermite, GridEdge, HermiteData,
+    NodeValues, PointsHermite, VertexMode, contour, contour_with,
+};
+#[cfg(feature = "gpu")]
+pub use dual_contouring::{ContourCell, ContourParameters, GpuContour, contour_on_gpu};
 pub use length::{Length, diagonal, spacing};
 #[cfg(feature = "gpu")]
 pub use mls::{GpuMlsProjection, GpuMlsSmoothing, MlsPoints};

@@ -6,6 +6,8 @@ pub mod distance;
 mod distance_grid;
 pub mod generate;
 pub mod height_field;
+pub mod mesh_intersections;
+pub mod mesh_topology;
 mod ordered_points;
 mod point_cloud;
 mod prepared_ray;
@@ -18,6 +20,7 @@ mod sphere;
 pub mod symmetric_eigen;
 mod tri_mesh;
 mod triangle;
+pub mod triangle_pair;
 pub mod validate;
 pub mod vector;
 

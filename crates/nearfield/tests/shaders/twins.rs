@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use nearfield::application::mls::{ConcludeParameters, FitParameters, FitState, IterationSums, PointPlace};
-use nearfield::application::{FieldParameters, PathParameters, PathState, SceneLayout, WindingLayout};
+use nearfield::application::{
+    ContourCell, ContourParameters, FieldParameters, PathParameters, PathState, SceneLayout, WindingLayout,
+};
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
@@ -148,6 +150,8 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         padding_0,
         padding_1
     });
+    let contour =
+        layout_of!(ContourParameters { corner, spacing, nodes, n_nodes, level, two_sided, threshold, n_cells });
     BTreeMap::from([
         (
             "FieldParameters",
@@ -186,6 +190,7 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ("TriangleList", layout_of!(TriangleList { low, n_triangles, high, only_within_box })),
         ("Sweep", sweep),
         ("Domain", domain()),
+        ("ContourParameters", contour),
     ])
 }
 
@@ -210,6 +215,7 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ("KdLeaf", layout_of!(KdLeaf { min, first, max, count, ropes, padding_0, padding_1 })),
         ("HitRecord", layout_of!(HitRecord { triangle, t, weights })),
         ("PathState", layout_of!(PathState { origin, slot, direction, density, throughput, eta_scale })),
+        ("ContourCell", layout_of!(ContourCell { number, inside_cut, emitted_heads, padding })),
         ("RayWork", layout_of!(RayWork { triangle_tests, node_visits, leaf_visits, rope_steps })),
     ];
     let fits = [
