@@ -7,6 +7,7 @@ pub mod dual_contouring;
 mod length;
 pub mod mls;
 pub mod normals;
+mod offset;
 pub mod path_trace;
 mod point_flags;
 mod watch;
@@ -34,6 +35,7 @@ pub use normals::{
     Neighborhood, NormalMethod, NormalSettings, Normals, SpanningTree, Viewpoint, WindingOrientation, estimate_normals,
     estimate_normals_at, orient_by_spanning_tree, orient_by_viewpoint, orient_by_winding_number,
 };
+pub use offset::{Offset, offset};
 pub use path_trace::{
     Camera, CameraFrame, Environment, EnvironmentImage, Film, Material, PathCounters, PathParameters, PathSettings,
     PathState, PathTracer, PointLight, Scene, Surface,
