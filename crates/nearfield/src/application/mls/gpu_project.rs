@@ -64,11 +64,11 @@ impl<'a, S: GpuStructure> GpuMlsProjection<'a, S> {
         // Queries that are no place are searched for at one that is, and never moved.
         let searched: Vec<Vec3> = queries.iter().map(|&q| if is_valid(&q) { q } else { center }).collect();
         let on_device = structure.upload_queries(&searched)?;
-        let samples = (structure.len(), normals.as_deref(), kept.own_radii());
         let (kept, falloff) = match kept {
             KeptSupport::Nearest(k) => nearest(&tree, &searched, k, settings),
             other => (other, 0.0),
         };
+        let samples = (structure.len(), normals.as_deref(), kept.own_radii());
         Ok(Self {
             fits: DeviceFits::new(gpu, settings, &places, samples, on_device)?,
             support: DeviceSupport::of(gpu, &kept)?,
