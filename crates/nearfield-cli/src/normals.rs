@@ -218,7 +218,7 @@ pub(crate) fn run(args: &NormalsArgs, common: &Common) -> Result<(), Failure> {
 /// Runs `work` with a watch that shows how far it is and ends it where the user wants that.
 fn watched<T>(progress: &Progress, work: impl FnOnce(&mut Watch<'_>) -> nearfield::Result<T>) -> Result<T, Failure> {
     let mut tell = |at: application::Progress| {
-        let percent = if at.total == 0 { 100 } else { 100 * at.done / at.total };
+        let percent = (100 * at.done).checked_div(at.total).unwrap_or(100);
         progress.step(format!("{}, {percent} %", at.stage));
         if interrupt::asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };

@@ -7,7 +7,7 @@ pub(crate) fn dist2<T: Scalar, const D: usize>(a: &[T; D], b: &[T; D]) -> T {
     let mut sum = T::of(0.0);
     for axis in 0..D {
         let difference = a[axis] - b[axis];
-        sum = sum + difference * difference;
+        sum += difference * difference;
     }
     sum
 }

@@ -32,7 +32,7 @@ pub(super) fn fit<T: Scalar>(cloud: &Cloud<'_, T>, query: &Query<T>, sharpness_d
         let weight = (by_distance * dist2 + by_normal * apart * apart).exp();
         spread.add(sample, weight);
         normals = vector::add_scaled(normals, normal, weight);
-        heights = heights - weight * vector::dot(normal, sample.offset);
+        heights -= weight * vector::dot(normal, sample.offset);
     });
     if let Some(fault) = spread.fault(least) {
         return Fitted::none(fault, spread.count);

@@ -232,6 +232,7 @@ impl DeviceFits {
     /// - `normals`: of the samples, at length 1 or 0
     /// - `own_radii`: of the samples
     /// - `queries`: `[q]` the points with their slots, in an order that is good to search
+    #[allow(clippy::type_complexity, reason = "all parts are named above")]
     pub(super) fn new(
         gpu: &Gpu,
         settings: &MlsSettings,

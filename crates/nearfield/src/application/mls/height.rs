@@ -21,6 +21,7 @@ pub(super) struct Frame<T> {
 /// The place of the surface on the query's normal line, and the normal there; else the reason and the number of samples.
 ///
 /// - `degree`: 1 to 3
+#[allow(clippy::type_complexity, reason = "both sides are named above")]
 pub(super) fn fit<T: Scalar>(
     cloud: &Cloud<'_, T>,
     query: &Query<T>,

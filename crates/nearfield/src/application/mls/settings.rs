@@ -92,7 +92,7 @@ impl MlsMethod {
             Self::Apss { sphericity } if !(0.0..=1.0).contains(&sphericity) => {
                 (format!("a sphericity of {sphericity}"), "0 (planes) to 1 (spheres)")
             }
-            Self::Rimls { normal_width } if !(normal_width >= 0.05 && normal_width <= 100.0) => {
+            Self::Rimls { normal_width } if !(0.05..=100.0).contains(&normal_width) => {
                 (format!("a width of normals of {normal_width}"), "0.05 to 100; 0.5 is sharp, 2 is soft")
             }
             Self::Bilateral { sharpness_degrees } if !(sharpness_degrees > 0.0 && sharpness_degrees <= 90.0) => {

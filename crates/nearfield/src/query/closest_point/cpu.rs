@@ -16,7 +16,7 @@ struct Best {
 
 impl Best {
     fn new(place: DVec3, radius: f64) -> Option<Self> {
-        (place.is_finite() && radius >= 0.0).then(|| Self { place, dist2: radius * radius, found: None })
+        (place.is_finite() && radius >= 0.0).then_some(Self { place, dist2: radius * radius, found: None })
     }
 
     fn offer(&mut self, triangle: &PreparedTriangle) -> f64 {
