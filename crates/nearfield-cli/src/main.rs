@@ -19,6 +19,7 @@ mod info;
 mod input;
 mod interrupt;
 mod lists;
+mod mesh;
 mod neighbors;
 mod neighbors_answer;
 mod neighbors_picture;
@@ -27,6 +28,7 @@ mod octree;
 mod octree_file;
 mod octree_picture;
 mod octree_report;
+mod offset;
 mod options;
 mod output;
 mod picture;
@@ -47,6 +49,8 @@ mod smooth_report;
 mod sort;
 mod sort_picture;
 mod spacing;
+mod surface;
+mod surface_picture;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
@@ -84,6 +88,8 @@ enum Verb {
     Heatmap(Box<heatmap::HeatmapArgs>),
     Raycast(Box<raycast::RaycastArgs>),
     Render(Box<render::RenderArgs>),
+    Mesh(Box<mesh::MeshArgs>),
+    Offset(Box<offset::OffsetArgs>),
     Info(info::InfoArgs),
     Normals(Box<normals::NormalsArgs>),
     Convert(convert::ConvertArgs),
@@ -151,6 +157,8 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Heatmap(args) => heatmap::run(args, common),
         Verb::Raycast(args) => raycast::run(args, common),
         Verb::Render(args) => render::run(args, common),
+        Verb::Mesh(args) => mesh::run(args, common),
+        Verb::Offset(args) => offset::run(args, common),
         Verb::Info(args) => info::run(args, common),
         Verb::Normals(args) => normals::run(args, common),
         Verb::Convert(args) => convert::run(args, common),

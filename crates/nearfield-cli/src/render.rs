@@ -113,7 +113,7 @@ pub(crate) struct RenderArgs {
 }
 
 /// Exposure at which the floor of the room is light, and no wall white.
-const ROOM_EXPOSURE: f32 = 1.6;
+pub(crate) const ROOM_EXPOSURE: f32 = 1.6;
 
 /// What adds samples to a picture.
 trait Tracer {

@@ -119,7 +119,7 @@ fn upright(mut scene: Scene, up: Up) -> Scene {
 
 /// Brings the edges of the picture to those of the open front of the room of `Scene::in_room`, so that nothing outside
 /// shows.
-fn fill_with_room(scene: &mut Scene, aspect: f64) {
+pub(crate) fn fill_with_room(scene: &mut Scene, aspect: f64) {
     let bounds = scene.bounds();
     let half = 0.5 * bounds.extent().as_dvec3();
     let away = f64::from(scene.camera.position.z) - f64::from(bounds.max.z);

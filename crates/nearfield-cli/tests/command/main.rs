@@ -10,6 +10,7 @@ mod render;
 mod sdf;
 mod smooth;
 mod sort;
+mod surfaces;
 mod verbs;
 
 use std::fs;
