@@ -29,6 +29,8 @@ struct Sample {
     place: Vector<f64>,
     /// The normal times the share of the surface over 4π.
     moment: Vector<f64>,
+    /// Squared radius of the disk of that share, over which the dipole is spread.
+    disk2: f64,
 }
 
 /// Consecutive samples.
@@ -68,7 +70,7 @@ impl Patches {
             let i = point as usize;
             let normal = normals.vectors[i].map(T::to_f64);
             let moment = vector::scale(normal, areas[i] / (4.0 * std::f64::consts::PI));
-            Sample { point, place: positions[i], moment }
+            Sample { point, place: positions[i], moment, disk2: areas[i] / std::f64::consts::PI }
         };
         let samples: Vec<Sample> = order.iter().map(sample).collect();
         let patches = groups(&samples, order.chunk_by(|a, b| a.1 == b.1).map(<[_]>::len));
@@ -144,10 +146,10 @@ impl Patches {
     fn field_of_group(&self, group: &Group, moment: Vector<f64>, sign: impl Fn(u32) -> f64, place: Vector<f64>) -> f64 {
         let offset = vector::subtract(group.center, place);
         if vector::norm2(offset) > group.far2 {
-            return dipole(offset, moment);
+            return dipole(offset, moment, 0.0);
         }
         let each = self.samples[group.samples.clone()].iter();
-        each.map(|s| sign(s.point) * dipole(vector::subtract(s.place, place), s.moment)).sum()
+        each.map(|s| sign(s.point) * dipole(vector::subtract(s.place, place), s.moment, s.disk2)).sum()
     }
 }
 
@@ -167,10 +169,11 @@ fn groups(samples: &[Sample], lengths: impl Iterator<Item = usize>) -> Vec<Group
     lengths.map(group).collect()
 }
 
-/// The part of the full solid angle that an area vector over 4π fills, seen from `offset` before it; 0 at its own place.
-fn dipole(offset: Vector<f64>, moment: Vector<f64>) -> f64 {
-    let dist2 = vector::norm2(offset);
-    if dist2 == 0.0 { 0.0 } else { vector::dot(offset, moment) / (dist2 * dist2.sqrt()) }
+/// The part of the full solid angle that an area vector over 4π fills, seen from `offset` before it; less near it, as where it
+/// is spread over a disk.
+fn dipole(offset: Vector<f64>, moment: Vector<f64>, disk2: f64) -> f64 {
+    let dist2 = vector::norm2(offset) + disk2;
+    if dist2 > 0.0 { vector::dot(offset, moment) / (dist2 * dist2.sqrt()) } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -4,12 +4,14 @@
 //! sum over dipoles (Barill2018), linear in the signs of the normals. So the signs are those for which it comes nearest, by least
 //! squares over probes on both sides of points, the condition of Xu2023. Differs from Xu2023, who turn every normal freely by a
 //! gradient descent: normals keep their directions, and signs are asked for patches, the points of a
-//! node of the tree that are joined by edges along the surface. The system is solved in real numbers and rounded; from there, and from the
+//! node of the tree that are joined by edges along the surface; edges between patches count a little, too. The system is solved in real numbers and rounded; from there, and from the
 //! signs of the spanning tree, single patches are turned as long as that helps, and the better one is taken. At last every point
 //! whose probes contradict it is turned, until none is left.
 //!
 //! It is right where a spanning tree is not: on sheets as thin as two spacings and on surfaces that touch. Cost: twelve
 //! numbers for each pair of at most 1500 patches, and in the last rounds some 2000 terms of the field for each of n points.
+
+use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
@@ -34,6 +36,8 @@ const FEWEST: usize = 32;
 const ASKED: usize = 1500;
 /// Points of a patch with probes.
 const PROBED: usize = 6;
+/// What an edge along the surface counts where its ends come to lie on different sides, beside the squares of the probes.
+const EDGE: f64 = 0.01;
 /// Edges that cost this, or this many times the median, lead along the surface.
 const CHEAP: f32 = 0.1;
 const TIMES_MEDIAN: f32 = 3.0;
@@ -42,6 +46,11 @@ const STEPS: usize = 100;
 const SOLVED: f64 = 1e-6;
 /// The rounded solution has to be better than the spanning tree by this factor.
 const CLEARLY: f64 = 0.98;
+/// The winding number has to grow by this part of the usual jump along a normal for it to be turned at the end: where surfaces touch it may not
+/// change at all.
+const CONTRADICTED: f64 = 0.3;
+/// Probes are a spacing off the surface, or this many times as far as neighbours are off each other's planes.
+const OFF_PLANES: f64 = 2.5;
 /// Rounds over all points at the end.
 const ROUNDS: usize = 10;
 /// Points of a task.
@@ -85,17 +94,18 @@ pub fn orient_by_winding_number<T: Scalar>(
     let median = edges.get(edges.len() / 2).map_or(0.0, |edge| f32::from_bits(edge.cost));
     let most = CHEAP.max(TIMES_MEDIAN * median);
     let patches = Patches::grow(&positions, normals, &areas, (&edges, most), &cells(tree));
-    let probes = Probes { positions: &positions, spacings: areas.iter().map(|area| area.sqrt()).collect() };
+    let probes = Probes::of_points(&positions, &areas, normals, &edges);
     let asked = patches.largest(ASKED);
     let probed = patches.to_probe(&edges, &asked, PROBED);
+    let mut system = System::of(&patches, &asked, &probed, normals, &probes, watch)?;
+    system.couple(&patches, &asked, normals, edges.iter().filter(|edge| edge.cost <= most.to_bits()));
     drop(edges);
-    let system = System::of(&patches, &asked, &probed, normals, &probes, watch)?;
     let (of_asked, deviation) = system.signs();
     let mut of_patches = vec![1.0; patches.len()];
     asked.iter().zip(of_asked).for_each(|(&patch, sign)| of_patches[patch] = sign);
     let sign = |patch: &Option<u32>| patch.map_or(1.0, |patch| of_patches[patch as usize]);
     let mut signs: Vec<f64> = patches.patch_of.iter().map(sign).collect();
-    turn_contradicted(&patches, normals, &probes, &mut signs, watch)?;
+    turn_contradicted(&patches, normals, &probes, CONTRADICTED * system.jump, &mut signs, watch)?;
     for i in (0..normals.len()).filter(|&i| signs[i] < 0.0 && normals.has(i)).collect::<Vec<_>>() {
         normals.flip(i);
     }
@@ -148,18 +158,32 @@ fn disk_areas<T: Scalar>(tree: &AabbTreeN<T, 3>) -> Vec<f64> {
     areas
 }
 
-/// Places a spacing away from points on both sides.
+/// Places off the surface on both sides of points.
 struct Probes<'a> {
     positions: &'a [Vector<f64>],
-    /// `[n]`
-    spacings: Vec<f64>,
+    /// `[n]` how far off.
+    distances: Vec<f64>,
 }
 
-impl Probes<'_> {
+impl<'a> Probes<'a> {
+    /// A spacing off, and beyond the noise.
+    fn of_points<T: Scalar>(positions: &'a [Vector<f64>], areas: &[f64], normals: &Normals<T>, edges: &[Edge]) -> Self {
+        let off = |edge: &Edge| {
+            let [a, b] = [edge.low as usize, edge.high as usize];
+            let way = vector::subtract(positions[b], positions[a]);
+            vector::dot(way, normals.vectors[a].map(T::to_f64)).abs() / areas[a].sqrt()
+        };
+        let mut all: Vec<f64> = edges.par_iter().map(off).filter(|off| off.is_finite()).collect();
+        let middle = all.len() / 2;
+        let median = if all.is_empty() { 0.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 };
+        let spacings = (OFF_PLANES * median).max(1.0);
+        Self { positions, distances: areas.iter().map(|area| spacings * area.sqrt()).collect() }
+    }
+
     /// Before and behind a point, as its normal is given.
     fn of<T: Scalar>(&self, normals: &Normals<T>, i: usize) -> [Vector<f64>; 2] {
         let (place, normal) = (self.positions[i], normals.vectors[i].map(T::to_f64));
-        [1.0, -1.0].map(|side| vector::add_scaled(place, normal, side * self.spacings[i]))
+        [1.0, -1.0].map(|side| vector::add_scaled(place, normal, side * self.distances[i]))
     }
 }
 
@@ -168,6 +192,10 @@ struct System {
     /// Rows one after the other: the field of each patch at the probe, plus ½ before and minus ½ behind for the patch itself.
     rows: Vec<f32>,
     n_patches: usize,
+    /// Pairs of patches and the square root of what it counts where they have different signs; negative where they should have.
+    couplings: Vec<(usize, usize, f64)>,
+    /// Median of the differences between the field before and behind points, before fields were scaled.
+    jump: f64,
 }
 
 impl System {
@@ -180,16 +208,65 @@ impl System {
         watch: &mut Watch<'_>,
     ) -> Result<Self> {
         watch.report("winding number", 0, asked.len() as u64)?;
-        let rows = probed.par_iter().flat_map_iter(|&(own, point)| {
-            let [before, behind] = probes.of(normals, point as usize);
-            [(before, 0.5), (behind, -0.5)].into_iter().flat_map(move |(place, half)| {
-                asked.iter().map(move |&patch| {
-                    let side = if patch == own { half } else { 0.0 };
-                    (patches.field_of(patch, place) + side) as f32
-                })
-            })
+        let fields = probed.par_iter().flat_map_iter(|&(_, point)| {
+            let field = move |place| asked.iter().map(move |&patch| patches.field_of(patch, place) as f32);
+            probes.of(normals, point as usize).into_iter().flat_map(field)
         });
-        Ok(Self { rows: rows.collect(), n_patches: asked.len() })
+        let mut system = Self { rows: fields.collect(), n_patches: asked.len(), jump: 1.0, couplings: Vec::new() };
+        system.scale();
+        for (rows, (own, _)) in system.rows.chunks_exact_mut(2 * asked.len().max(1)).zip(probed) {
+            if let Ok(column) = asked.binary_search(own) {
+                rows[column] += 0.5;
+                rows[asked.len() + column] -= 0.5;
+            }
+        }
+        Ok(system)
+    }
+
+    /// Divides all fields by the median jump between probes on both sides. It is 1 where samples stand for their true share of the
+    /// surface and their neighbours are on their side, whatever the side; under noise shares are overestimated.
+    fn scale(&mut self) {
+        let fields = self.times(&vec![1.0; self.n_patches]);
+        let mut jumps: Vec<f64> = fields.chunks_exact(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
+        let middle = jumps.len() / 2;
+        if !jumps.is_empty() {
+            self.jump = *jumps.select_nth_unstable_by(middle, f64::total_cmp).1;
+        }
+        if self.jump > 0.0 {
+            self.rows.iter_mut().for_each(|field| *field = (f64::from(*field) / self.jump) as f32);
+        }
+    }
+
+    /// Couples patches with edges between them.
+    fn couple<'a, T: Scalar>(
+        &mut self,
+        patches: &Patches,
+        asked: &[usize],
+        normals: &Normals<T>,
+        edges: impl Iterator<Item = &'a Edge>,
+    ) {
+        let column = |point: u32| asked.binary_search(&(patches.patch_of[point as usize]? as usize)).ok();
+        let mut sums = BTreeMap::new();
+        for edge in edges {
+            let (Some(a), Some(b)) = (column(edge.low), column(edge.high)) else { continue };
+            if a != b {
+                let [n, m] = [edge.low, edge.high].map(|i| normals.vectors[i as usize]);
+                let side = if vector::dot(n, m) < T::ZERO { -EDGE } else { EDGE };
+                *sums.entry((a.min(b), a.max(b))).or_insert(0.0) += side;
+            }
+        }
+        let root = |((a, b), sum): ((usize, usize), f64)| (a, b, sum.abs().sqrt().copysign(sum));
+        self.couplings = sums.into_iter().map(root).collect();
+    }
+
+    /// What a coupling is off by with these signs.
+    fn off_by((a, b, root): (usize, usize, f64), x: &[f64]) -> f64 {
+        root.abs() * (x[a] - root.signum() * x[b])
+    }
+
+    /// Number of rows that are fields.
+    fn n_fields(&self) -> usize {
+        self.rows.len() / self.n_patches.max(1)
     }
 
     /// rows · x.
@@ -223,36 +300,48 @@ impl System {
         let rounded = self.solve().iter().map(|x| if *x < 0.0 { -1.0 } else { 1.0 }).collect();
         let (solved, its) = self.turn_single(rounded, &columns);
         let (kept, rest) = self.turn_single(vec![1.0; self.n_patches], &columns);
-        let (signs, rest) = if its < CLEARLY * rest { (solved, its) } else { (kept, rest) };
-        let n_rows = self.rows.len() / self.n_patches;
-        (signs, (rest / n_rows as f64).sqrt())
+        let signs = if its < CLEARLY * rest { solved } else { kept };
+        let deviation: f64 = self.times(&signs).iter().map(|w| (w - 0.5).powi(2)).sum();
+        (signs, (deviation / self.n_fields() as f64).sqrt())
     }
 
     /// The least squares solution in real numbers, by conjugate gradients on the normal equations (GolubVanLoan2013, §11.3).
     fn solve(&self) -> Vec<f64> {
-        let n_rows = self.rows.len() / self.n_patches;
         let mut x = vec![0.0; self.n_patches];
-        let mut left = vec![0.5; n_rows];
-        let mut slope = self.transposed_times(&left);
+        let mut left = vec![0.5; self.n_fields()];
+        let mut apart = vec![0.0; self.couplings.len()];
+        let mut slope = self.slope(&left, &apart);
         let mut direction = slope.clone();
         let norm2 = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
         let first = norm2(&slope);
         let mut now = first;
         for _ in 0..STEPS {
             let along = self.times(&direction);
-            let length2 = norm2(&along);
+            let between: Vec<f64> = self.couplings.iter().map(|&c| Self::off_by(c, &direction)).collect();
+            let length2 = norm2(&along) + norm2(&between);
             if now <= SOLVED * SOLVED * first || length2 <= 0.0 {
                 break;
             }
             let step = now / length2;
             x.iter_mut().zip(&direction).for_each(|(x, d)| *x += step * d);
             left.iter_mut().zip(&along).for_each(|(r, a)| *r -= step * a);
-            slope = self.transposed_times(&left);
+            apart.iter_mut().zip(&between).for_each(|(r, b)| *r -= step * b);
+            slope = self.slope(&left, &apart);
             let next = norm2(&slope);
             direction.iter_mut().zip(&slope).for_each(|(d, s)| *d = s + next / now * *d);
             now = next;
         }
         x
+    }
+
+    /// The transposed rows times what is left of fields and of couplings.
+    fn slope(&self, left: &[f64], apart: &[f64]) -> Vec<f64> {
+        let mut slope = self.transposed_times(left);
+        for (&(a, b, root), apart) in self.couplings.iter().zip(apart) {
+            slope[a] += root.abs() * apart;
+            slope[b] -= root * apart;
+        }
+        slope
     }
 
     fn columns(&self) -> Vec<Vec<f32>> {
@@ -263,13 +352,19 @@ impl System {
     /// Turns single patches as long as that brings the sum of squares down; the signs and that sum.
     fn turn_single(&self, mut signs: Vec<f64>, columns: &[Vec<f32>]) -> (Vec<f64>, f64) {
         let mut off: Vec<f64> = self.times(&signs).iter().map(|w| w - 0.5).collect();
+        let mut coupled = vec![Vec::new(); self.n_patches];
+        for &(a, b, root) in &self.couplings {
+            coupled[a].push((b, root * root.abs()));
+            coupled[b].push((a, root * root.abs()));
+        }
         let squares: Vec<f64> = columns.iter().map(|c| c.iter().map(|a| f64::from(*a).powi(2)).sum()).collect();
         for _ in 0..STEPS {
             let mut turned = false;
             for (patch, column) in columns.iter().enumerate() {
                 let along: f64 = column.iter().zip(&off).map(|(a, off)| f64::from(*a) * off).sum();
-                // |off − 2 s a|² − |off|² = 4 (|a|² − s a·off).
-                let gain = signs[patch] * along - squares[patch];
+                // |off − 2 s a|² − |off|² = 4 (|a|² − s a·off), and a coupling that was kept is then off by 2.
+                let kept: f64 = coupled[patch].iter().map(|&(other, square)| square * signs[other]).sum();
+                let gain = signs[patch] * (along - kept) - squares[patch];
                 if gain > 1e-9 * squares[patch] {
                     off.iter_mut().zip(column).for_each(|(off, a)| *off -= 2.0 * signs[patch] * f64::from(*a));
                     signs[patch] = -signs[patch];
@@ -280,16 +375,18 @@ impl System {
                 break;
             }
         }
-        let rest = off.iter().map(|off| off * off).sum();
-        (signs, rest)
+        let apart: f64 = self.couplings.iter().map(|&c| Self::off_by(c, &signs).powi(2)).sum();
+        let rest = off.iter().map(|off| off * off).sum::<f64>();
+        (signs, rest + apart)
     }
 }
 
-/// Turns every point before which the winding number is larger than behind it, until there is none.
+/// Turns every point before which the winding number is clearly larger than behind it, until there is none.
 fn turn_contradicted<T: Scalar>(
     patches: &Patches,
     normals: &Normals<T>,
     probes: &Probes<'_>,
+    clearly: f64,
     signs: &mut [f64],
     watch: &mut Watch<'_>,
 ) -> Result<()> {
@@ -299,7 +396,7 @@ fn turn_contradicted<T: Scalar>(
         let now: &[f64] = signs;
         let contradicted = |i: &usize| {
             let [before, behind] = probes.of(normals, *i).map(|place| patches.field(now, &moments, place));
-            now[*i] * (behind - before) < 0.0
+            now[*i] * (behind - before) < -clearly
         };
         let of_patches = |i: &usize| patches.patch_of[*i].is_some();
         let all = (0..now.len()).into_par_iter().with_min_len(TASK).filter(of_patches);
