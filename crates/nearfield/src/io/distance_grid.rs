@@ -162,7 +162,8 @@ mod tests {
     #[test]
     fn damaged_files_say_what_is_wrong() {
         let bytes = vti(&field(DVec3::ZERO));
-        for end in 0..bytes.len() - 130 {
+        // Behind the distances come 104 bytes of the nearest and the closing tags: those alone may be missing.
+        for end in 0..bytes.len() - 140 {
             assert!(parse_distance_grid(&bytes[..end]).is_err(), "cut after {end}");
         }
         let replaced = |from: &str, to: &str| {

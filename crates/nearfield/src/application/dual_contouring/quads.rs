@@ -112,8 +112,9 @@ mod tests {
     #[test]
     fn the_diagonal_follows_a_crease() {
         let quad = Quad { vertices: [0, 1, 2, 3], axis: 2, upwards: true, normal: [0.0, 0.0, 1.0] };
-        // A roof whose ridge goes from the second to the fourth vertex, and one from the first to the third.
-        let roof = [[0.0, 0.0, 0.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0, 1.0, 1.0]];
+        // A roof whose ridge goes from the second to the fourth vertex, and one from the first to the third. Its eaves are
+        // far from the ridge: a square would be a roof along either diagonal.
+        let roof = [[-0.5, -0.5, 0.0], [1.0, 0.0, 1.0], [1.5, 1.5, 0.0], [0.0, 1.0, 1.0]];
         assert!(quad.prefers_other(&roof));
         let turned = [roof[3], roof[0], roof[1], roof[2]];
         assert!(!quad.prefers_other(&turned));

@@ -180,15 +180,18 @@ fn dipole(offset: Vector<f64>, moment: Vector<f64>, disk2: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A ball's surface in equal parts, with an edge from each point to the next.
+    /// A ball's surface in equal parts along a spiral, with an edge from each point to the next.
     fn ball() -> (Vec<Vector<f64>>, Vec<Edge>) {
-        let point = |i: u32| {
+        let mut angle = 0.0f64;
+        let mut point = |i: u32| {
             let z = 1.0 - (f64::from(i) + 0.5) / 1000.0;
-            let (r, angle) = ((1.0 - z * z).sqrt(), f64::from(i) * 2.399_963);
+            let r = (1.0 - z * z).sqrt();
+            // As far along the spiral as its turns are apart.
+            angle += (4.0 * std::f64::consts::PI / 2000.0).sqrt() / r;
             [r * angle.cos(), r * angle.sin(), z]
         };
         let edge = |i: u32| Edge { cost: 0.5f32.to_bits(), low: i, high: i + 1 };
-        ((0..2000).map(point).collect(), (0..1999).map(edge).collect())
+        ((0..2000).map(&mut point).collect(), (0..1999).map(edge).collect())
     }
 
     #[test]

@@ -64,10 +64,10 @@ mod tests {
         assert_eq!([0.0, 0.5, 1.0, 2.0].map(|d2| weight(d2, 1.0)), [1.0, 0.0625, 0.0, 0.0]);
         let mut samples = Samples::default();
         samples.begin();
-        samples.add([0.0, 6.0, 8.0]);
-        samples.finish(10.0, Some(2.0));
-        assert_eq!(samples.all, [Sample { offset: [0.0, 0.6, 0.8], weight: weight(1.0, 2.0) }]);
+        samples.add([0.0, 2.0, 4.0]);
+        samples.finish(4.0, Some(2.5));
+        assert_eq!(samples.all, [Sample { offset: [0.0, 0.5, 1.0], weight: weight(1.25, 2.5) }]);
         samples.finish(0.0, None);
-        assert_eq!((samples.all[0].offset, samples.radius), ([0.0, 0.6, 0.8], 0.0));
+        assert_eq!((samples.all[0].offset, samples.radius), ([0.0, 0.5, 1.0], 0.0));
     }
 }
