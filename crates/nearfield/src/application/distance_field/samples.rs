@@ -48,7 +48,7 @@ impl<T: Scalar> OrientedSamples<T> {
         let normals = unit_normals(points.len(), normals)?;
         let tree = AabbTreeN::build(points, &AabbTreeNSettings::default())?;
         let at = places(points.len());
-        let queries: Vec<Vector<T>> = at.map(|place| tree.ordered_points().position(place)).collect();
+        let queries: Vec<Vector<T>> = at.map(|place| points[place]).collect();
         let diagonal = T::of(crate::application::diagonal(&tree));
         let spacing = measured_spacing(diagonal.to_f64(), queries.len(), |radius| {
             let mut met = 0;
