@@ -23,7 +23,7 @@ fn compare(gpu: &Gpu, winding: &WindingNumber<f32>) {
         let expected = winding.at(place.to_array());
         let exact = winding.at_by_brute_force(place.to_array());
         far += usize::from((number - expected).abs() > 1e-4);
-        assert!((number - exact).abs() < 1e-2, "{number} at {place}, the sum is {exact}");
+        assert!((number - exact).abs() < 2e-2, "{number} at {place}, the sum is {exact}");
     }
     assert!(far <= 3, "{far} differ from the CPU");
 }
