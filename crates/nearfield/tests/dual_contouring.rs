@@ -178,6 +178,7 @@ fn volume<T: Scalar>(surface: &Contour<T>) -> f64 {
 fn sphere_torus_and_double_torus_have_their_euler_numbers() {
     let grid = grid_over(1.6, 97);
     let sphere = |p: [f64; 3]| DVec3::from(p).length() - 1.0;
+    #[allow(clippy::type_complexity, reason = "a name, a field and its Euler number")]
     let cases: [(&str, &dyn Fn([f64; 3]) -> f64, i64); 3] =
         [("sphere", &sphere, 2), ("torus", &torus, 0), ("double torus", &double_torus, -2)];
     for (name, of, euler) in cases {
