@@ -73,8 +73,9 @@ fn what_cannot_be_meshed_says_why() {
 fn the_device_gives_the_mesh_of_the_cpu() {
     let Some(device) = gpu_or_skip("the_device_gives_the_mesh_of_the_cpu") else { return };
     let folder = with_ball("mesh-device");
-    let here = folder.json("mesh ball.ply --points --resolution 33 --device cpu -o here.ply --json");
-    let there = folder.json(&format!("mesh ball.ply --points --resolution 33 --device {device} -o there.ply --json"));
+    folder.ok("normals ball.ply --device cpu -o points.ply");
+    let here = folder.json("mesh points.ply --resolution 33 --device cpu -o here.ply --json");
+    let there = folder.json(&format!("mesh points.ply --resolution 33 --device {device} -o there.ply --json"));
     for key in ["vertices", "mesh_triangles", "closed", "euler_number"] {
         assert_eq!(here[key], there[key], "{key}");
     }
