@@ -7,8 +7,8 @@
 
 mod any_dimension;
 mod boxes;
-mod choose;
 #[cfg(feature = "gpu")]
+mod choose;
 mod closest_point;
 mod coherent;
 mod cpu;
