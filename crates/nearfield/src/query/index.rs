@@ -97,14 +97,7 @@ impl Index {
     /// `OutOfDeviceMemory` and other device errors unless the device is `Auto`.
     pub fn build<'q>(points: &[Vec3], purpose: impl Into<Purpose<'q>>, settings: &IndexSettings) -> Result<Self> {
         let mut notes = Vec::new();
-        let gpu = match Gpu::open(&settings.device) {
-            Ok(gpu) => gpu,
-            Err(error) if settings.device == DeviceChoice::Auto => {
-                notes.push(taken_over("the GPU", &error));
-                None
-            }
-            Err(error) => return Err(error),
-        };
+        let gpu = open(&settings.device, &mut notes)?;
         Self::assemble(gpu.as_ref(), points, &purpose.into(), settings, notes)
     }
 
@@ -236,6 +229,20 @@ impl Substitute {
             let _ = self.built.set(built);
         }
         Ok(self.built.get().expect("the structure should have been set above").as_ref())
+    }
+}
+
+/// The GPU of a choice, `None` for the CPU, which also takes over with a note where the choice is `Auto`.
+///
+/// # Errors
+/// As [`Gpu::open`], unless the choice is `Auto`.
+pub(super) fn open(device: &DeviceChoice, notes: &mut Vec<String>) -> Result<Option<Gpu>> {
+    match Gpu::open(device) {
+        Err(error) if *device == DeviceChoice::Auto => {
+            notes.push(taken_over("the GPU", &error));
+            Ok(None)
+        }
+        opened => opened,
     }
 }
 

@@ -2,16 +2,16 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::index::taken_over;
+use super::index::{open, taken_over};
 use super::ray_choice::{RayStructureChoice, RayTask};
 use super::{HitCounts, HitLists, Hits, Occlusion, RayHit, RaySearch, Report, Stage};
+use crate::Result;
 use crate::geometry::{Ray, TriMesh};
 use crate::gpu::{AdapterKind, DeviceChoice, Gpu};
 use crate::structure::{
     BruteForceMesh, BvhSettings, GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, KdTree, KdTreeSettings,
     PreparedTriangles, RayWork, TriangleBvh,
 };
-use crate::{Error, Result};
 
 /// What to build over a mesh and where.
 #[derive(Debug, Clone, Default)]
@@ -133,14 +133,7 @@ impl RayIndex {
     /// other device errors unless the device is `Auto`.
     pub fn build(mesh: &TriMesh, task: &RayTask, settings: &RayIndexSettings) -> Result<Self> {
         let mut notes = Vec::new();
-        let gpu = match Gpu::open(&settings.device) {
-            Ok(gpu) => gpu,
-            Err(error) if settings.device == DeviceChoice::Auto => {
-                notes.push(taken_over("the GPU", &error));
-                None
-            }
-            Err(error) => return Err(error),
-        };
+        let gpu = open(&settings.device, &mut notes)?;
         Self::assemble(gpu.as_ref(), mesh, task, settings, notes)
     }
 
@@ -187,10 +180,7 @@ impl RayIndex {
     /// # Errors
     /// `LengthMismatch` for another number of triangles; as [`RayIndex::build`]. The index is then as it was.
     pub fn refit(&mut self, moved: &TriMesh) -> Result<()> {
-        let (found, expected) = (moved.triangles.len() as u64, self.prepared().len() as u64);
-        if found != expected {
-            return Err(Error::LengthMismatch { what: "triangles of the moved mesh", found, expected });
-        }
+        self.prepared().check_moved(moved)?;
         match self.held.follow(moved) {
             Err(error) if self.substitute.is_some() && error.is_device_fault() => {
                 let note = taken_over(&self.device(), &error);

@@ -51,6 +51,18 @@ impl PreparedTriangles {
         Ok(Arc::new(Self { triangles, space: RaySpace::new(&bounds) }))
     }
 
+    /// Checks that a mesh whose vertices have moved has as many triangles as this one.
+    ///
+    /// # Errors
+    /// `LengthMismatch` where it has not.
+    pub(crate) fn check_moved(&self, moved: &TriMesh) -> Result<()> {
+        let (found, expected) = (moved.triangles.len() as u64, self.triangles.len() as u64);
+        if found != expected {
+            return Err(Error::LengthMismatch { what: "triangles of the moved mesh", found, expected });
+        }
+        Ok(())
+    }
+
     /// `[triangles]` in the caller's order.
     pub fn as_slice(&self) -> &[PreparedTriangle] {
         &self.triangles

@@ -13,7 +13,7 @@ use super::surface::{Contour, ContourReport, Sheet, position};
 use super::untangle::untangle;
 use crate::application::Watch;
 use crate::geometry::RegularGrid;
-use crate::gpu::{Access, Buffer, Commands, Gpu, Kernel, Pipeline, StageTime, Workgroups};
+use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, StageTime, Workgroups};
 use crate::parallel::compact::GpuCompact;
 use crate::parallel::scan::GpuScan;
 use crate::{Error, Result};
@@ -300,17 +300,8 @@ impl Described {
     ) -> Result<()> {
         let access = [Uniform, Read, Read, Read, Read, Read, ReadWrite, ReadWrite];
         let place = pipeline(gpu, "place_vertices", &access)?;
-        let shared = gpu.uniform("contour parameters", &self.parameters)?;
-        let binds = [
-            (&shared).into(),
-            table.into(),
-            (&self.slots).into(),
-            (&self.cells).into(),
-            (&self.crossings).into(),
-            (&self.first_vertex).into(),
-            sheets.into(),
-            vertices.into(),
-        ];
+        let mut binds = self.cell_binds(gpu, table)?;
+        binds.extend([sheets.into(), vertices.into()]);
         commands.stage("vertices").dispatch(&place, &binds, self.all_cells());
         Ok(())
     }
@@ -325,20 +316,23 @@ impl Described {
     ) -> Result<()> {
         let access = [Uniform, Read, Read, Read, Read, Read, Read, ReadWrite, ReadWrite];
         let join = pipeline(gpu, "join_quads", &access)?;
+        let mut binds = self.cell_binds(gpu, table)?;
+        binds.extend([(&self.first_quad).into(), quads.into(), facings.into()]);
+        commands.stage("polygons").dispatch(&join, &binds, self.all_cells());
+        Ok(())
+    }
+
+    /// What the kernels over cells read first.
+    fn cell_binds(&self, gpu: &Gpu, table: &Buffer<[u32; 2]>) -> Result<Vec<Bind>> {
         let shared = gpu.uniform("contour parameters", &self.parameters)?;
-        let binds = [
+        Ok(vec![
             (&shared).into(),
             table.into(),
             (&self.slots).into(),
             (&self.cells).into(),
             (&self.crossings).into(),
             (&self.first_vertex).into(),
-            (&self.first_quad).into(),
-            quads.into(),
-            facings.into(),
-        ];
-        commands.stage("polygons").dispatch(&join, &binds, self.all_cells());
-        Ok(())
+        ])
     }
 
     fn all_cells(&self) -> Workgroups {

@@ -22,13 +22,11 @@ use super::patches::Patches;
 use super::spanning_tree::orient_by_spanning_tree;
 use crate::Result;
 use crate::application::Watch;
+use crate::application::winding_number::disk_areas;
 use crate::geometry::Scalar;
 use crate::geometry::vector::{self, Vector};
-use crate::query::NearestFew;
 use crate::structure::AabbTreeN;
 
-/// Neighbours whose disk is the share of the surface of a point.
-const DISK: usize = 12;
 /// Cells that are aimed at, and points of one at least.
 const CELLS: usize = 512;
 const FEWEST: usize = 32;
@@ -88,7 +86,7 @@ pub fn orient_by_winding_number<T: Scalar>(
     let given = normals.vectors.clone();
     orient_by_spanning_tree(tree, normals, k, watch)?;
     let positions: Vec<Vector<f64>> = in_caller_order(tree).iter().map(|p| p.map(T::to_f64)).collect();
-    let areas = disk_areas(tree);
+    let areas: Vec<f64> = disk_areas(tree).into_iter().map(T::to_f64).collect();
     let cost = |a: u32, b: u32| tangent_cost(&positions, normals, a, b);
     let edges: Vec<Edge> = sorted_edges_by(tree, normals, k, watch, &cost)?;
     let median = edges.get(edges.len() / 2).map_or(0.0, |edge| f32::from_bits(edge.cost));
@@ -135,27 +133,6 @@ fn cells<T: Scalar>(tree: &AabbTreeN<T, 3>) -> Vec<u32> {
         ids[places].iter().for_each(|&id| cells[id as usize] = cell as u32);
     }
     cells
-}
-
-/// `[n]` the share of the surface of each point, by the disk of its 12 nearest neighbours.
-fn disk_areas<T: Scalar>(tree: &AabbTreeN<T, 3>) -> Vec<f64> {
-    let points = tree.ordered_points();
-    let k = DISK.min(points.len().saturating_sub(1));
-    let factor = std::f64::consts::PI / k.max(1) as f64;
-    let found: Vec<f64> = (0..points.len())
-        .into_par_iter()
-        .with_min_len(TASK)
-        .map_init(
-            || NearestFew::new(k + 1),
-            |few, place| {
-                tree.nearest_few(&points.position(place), T::of(f64::INFINITY), few);
-                few.found().last().map_or(0.0, |hit| hit.0.to_f64() * factor)
-            },
-        )
-        .collect();
-    let mut areas = vec![0.0; points.len()];
-    points.ids().iter().zip(found).for_each(|(&id, area)| areas[id as usize] = area);
-    areas
 }
 
 /// Places off the surface on both sides of points.

@@ -8,10 +8,10 @@ use super::compress::{CompressedNode, LEAF, compress};
 use super::cpu::{check_number, wide_tree};
 use super::fitter::Fitter;
 use super::{BvhSettings, TriangleBvh};
+use crate::Result;
 use crate::geometry::{PreparedTriangle, TriMesh};
 use crate::gpu::{Access, Bind, Buffer, Gpu};
 use crate::structure::{BuildStage, GpuRayStructure, PreparedTriangles, RayStructure};
-use crate::{Error, Result};
 
 /// Time to test a triangle, in units of the time to test the boxes of a node. Source: Ylitie2017.
 const TRIANGLE_COST: f32 = 0.3;
@@ -94,10 +94,7 @@ impl GpuTriangleBvh {
     /// `LengthMismatch` for another number of triangles; as [`PreparedTriangles::new`]; `OutOfDeviceMemory`. The tree is
     /// then as it was. `DeviceLost`.
     pub fn refit(&mut self, moved: &TriMesh) -> Result<()> {
-        let (found, expected) = (moved.triangles.len() as u64, self.triangles.len() as u64);
-        if found != expected {
-            return Err(Error::LengthMismatch { what: "triangles of the moved mesh", found, expected });
-        }
+        self.triangles.check_moved(moved)?;
         let start = Instant::now();
         let triangles = PreparedTriangles::new(moved)?;
         let mut stages = vec![BuildStage::on_host("prepare", start)];

@@ -6,9 +6,9 @@ use rayon::prelude::*;
 
 use super::TriangleBvh;
 use super::layout::{Block, Node};
+use crate::Result;
 use crate::geometry::{Aabb, RaySpace, TriMesh};
 use crate::structure::{BuildStage, PreparedTriangles};
-use crate::{Error, Result};
 
 /// Leaves that a thread takes at once.
 const CHUNK: usize = 1 << 10;
@@ -22,10 +22,7 @@ impl TriangleBvh {
     /// # Errors
     /// `LengthMismatch` for another number of triangles, and as [`PreparedTriangles::new`]; the tree is then as it was.
     pub fn refit(&mut self, moved: &TriMesh) -> Result<()> {
-        let (found, expected) = (moved.triangles.len() as u64, self.triangles.len() as u64);
-        if found != expected {
-            return Err(Error::LengthMismatch { what: "triangles of the moved mesh", found, expected });
-        }
+        self.triangles.check_moved(moved)?;
         let start = Instant::now();
         let triangles = PreparedTriangles::new(moved)?;
         let mut stages = vec![];
