@@ -13,7 +13,9 @@ use crate::render_picture::{self, Development, PictureFormat};
 use crate::render_scene::fill_with_room;
 
 /// Samples a pixel.
-const SAMPLES: u32 = 24;
+const SAMPLES: u32 = 16;
+/// Scatterings of a path: what light makes after more is not seen in a room with walls of one colour.
+const DEPTH: u32 = 4;
 
 /// Renders a mesh on the CPU; Ctrl-C ends after the sample that is under way and keeps the picture so far.
 pub(crate) fn draw(mesh: TriMesh, path: &Path, size: PictureSize, force: bool) -> Result<(), Failure> {
@@ -21,7 +23,8 @@ pub(crate) fn draw(mesh: TriMesh, path: &Path, size: PictureSize, force: bool) -
     fill_with_room(&mut scene, f64::from(size.width) / f64::from(size.height));
     let structure = TriangleBvh::build(&scene.mesh, &BvhSettings::default()).map_err(Failure::Search)?;
     let mut film = Film::new(size.width, size.height).map_err(Failure::Search)?;
-    let mut tracer = PathTracer::new(scene, &structure, PathSettings::default()).map_err(Failure::Search)?;
+    let mut tracer = PathTracer::new(scene, &structure, PathSettings { depth: DEPTH, ..PathSettings::default() })
+        .map_err(Failure::Search)?;
     for _ in 0..SAMPLES {
         tracer.render_pass(&mut film).map_err(Failure::Search)?;
         if interrupt::asked() {

@@ -79,13 +79,14 @@ pub(crate) fn ask_everything(subject: &Subject, built: &dyn Built, solved: &Solv
     let beyond = [points(2 * n as u32 + 3), points_without_self(n as u32), others(n as u32 + 1)];
     let beyond = beyond.iter().filter(|_| n <= MOST_POINTS_FOR_ALL);
     // One neighbour more or less than a leaf holds.
-    let is_asked = |question: &&Question| {
+    let is_asked = |(turn, question): &(usize, &Question)| {
         let is_too_much = question.reach == Some(Reach::All) && n > questions::MOST_POINTS_FOR_ALL;
         let is_long = question.k == 128 && question.reach.is_none() && n > MOST_POINTS_FOR_LARGEST_K;
         let is_special = [31, 33].contains(&question.k) || is_long || !subject.asks_nearest();
-        !is_too_much && (subject.asks_everything() || !is_special)
+        !is_too_much && (subject.asks_everything() || !is_special) && subject.takes_turn(solved.number + turn)
     };
-    for question in QUESTIONS.iter().filter(is_asked).chain(beyond) {
+    let asked = QUESTIONS.iter().enumerate().filter(is_asked).map(|(_, question)| question);
+    for question in asked.chain(beyond) {
         let &Question { own, k, reach, exclude_self } = question;
         put(subject, built, solved, question).map_err(|difference| {
             format!("{k} nearest within {reach:?}, of points {own}, self left out {exclude_self}: {difference}")

@@ -6,7 +6,8 @@
 //!
 //! - `NEARFIELD_TEST_DEVICE`, `NEARFIELD_REQUIRE_GPU`: see `support`
 //! - `NEARFIELD_DATA`: the folder of real scans, else `../shared/data` beside the repository
-//! - `NEARFIELD_LONG=1`: clouds of a million points, and all builds on software devices (hardware has both always)
+//! - `NEARFIELD_LONG=1`: clouds of a million points, and on software devices all builds and all questions of every case,
+//!   which there take turns (hardware has all of these always)
 //! - `NEARFIELD_SEED=N`: only that random case
 
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "a comparison with NaN must fail the check")]
@@ -99,7 +100,7 @@ fn solved(number: usize) -> &'static questions::Solved<'static> {
     static MADE: LazyLock<Vec<OnceLock<cases::Case>>> = LazyLock::new(none_yet);
     static SOLVED: LazyLock<Vec<OnceLock<questions::Solved<'static>>>> = LazyLock::new(none_yet);
     let make = || cases::all().nth(number).map(|named| (named.make)()).expect("a number should be that of a case");
-    SOLVED[number].get_or_init(|| questions::Solved::new(MADE[number].get_or_init(make)))
+    SOLVED[number].get_or_init(|| questions::Solved::new(MADE[number].get_or_init(make), number))
 }
 
 fn none_yet<T>() -> Vec<OnceLock<T>> {

@@ -142,13 +142,15 @@ const MOST_POINTS_FROM_AFAR: usize = 1500;
 /// A case with its true answers, found once for all subjects.
 pub(crate) struct Solved<'a> {
     pub(crate) case: &'a Case,
+    /// The number of the case, by which software devices take turns.
+    pub(crate) number: usize,
     problems: [OnceLock<Problem<'a>>; 8],
     everywhere: [OnceLock<Problem<'a>>; 2],
 }
 
 impl<'a> Solved<'a> {
-    pub(crate) fn new(case: &'a Case) -> Self {
-        Self { case, problems: Default::default(), everywhere: Default::default() }
+    pub(crate) fn new(case: &'a Case, number: usize) -> Self {
+        Self { case, number, problems: Default::default(), everywhere: Default::default() }
     }
 
     pub(crate) fn problem(&self, who: Who, reach: Reach) -> &Problem<'a> {
@@ -200,8 +202,9 @@ fn beyond_everything(case: &Case) -> f32 {
 
 /// Asks every question of `built` and compares each answer.
 pub(crate) fn ask_everything(subject: &Subject, built: &dyn Built, solved: &Solved<'_>) -> Verdict {
-    for question in QUESTIONS {
-        if question.reach == Reach::All && solved.case.points.len() > MOST_POINTS_FOR_ALL {
+    for (turn, question) in QUESTIONS.iter().enumerate() {
+        let is_too_much = question.reach == Reach::All && solved.case.points.len() > MOST_POINTS_FOR_ALL;
+        if is_too_much || !subject.takes_turn(solved.number + turn) {
             continue;
         }
         let problem = solved.problem(question.who, question.reach);

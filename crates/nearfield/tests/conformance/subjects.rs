@@ -406,6 +406,12 @@ impl Subject {
         }
     }
 
+    /// Whether the question of this number is asked: software devices ask every case a third of the questions, and every
+    /// question of a third of the cases.
+    pub(crate) fn takes_turn(&self, number: usize) -> bool {
+        self.asks_everything() || number.is_multiple_of(3)
+    }
+
     /// Whether software devices ask for the nearest too: on trees they do not depend on the search.
     pub(crate) fn asks_nearest(&self) -> bool {
         self.structure != "aabb-tree" || self.variant == "packed"
