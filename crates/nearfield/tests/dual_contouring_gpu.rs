@@ -85,10 +85,11 @@ fn main() {
             let values = NodeValues::new(&grid, &values).unwrap();
             let here = contour(&values, &ContourSettings::features(), &mut Watch::none()).unwrap();
             let there = contour_on_gpu(gpu, &values, &ContourSettings::features(), &mut Watch::none()).unwrap();
-            // Random gradients make planes that meet far away, where rounding is large: only what it consists of counts.
+            // Random gradients make planes that meet far away, where rounding is large and the better of two diagonals is chance:
+            // only what it consists of counts.
             let [far, cut] = difference(&here, &there).unwrap();
             println!("seed {seed}: {far:.4} of the vertices, {cut:.4} of the diagonals differ");
-            assert!(here.n_quads() > 1000 && far < 0.05 && cut < 0.05, "{far} {cut}");
+            assert!(here.n_quads() > 1000 && far < 0.05 && cut < 0.15, "{far} {cut}");
         }
     }));
     trials.push(gpu_trial("offset_levels_are_those_of_the_cpu", |gpu| {

@@ -2,7 +2,7 @@
 
 use libtest_mimic::Trial;
 use nearfield::geometry::generate::{MeshKind, mesh};
-use nearfield::gpu::Gpu;
+use nearfield::gpu::{AdapterKind, Gpu};
 use nearfield::structure::GpuRayStructure;
 use nearfield::{
     BruteForceMesh, BvhSettings, Error, GpuBruteForceMesh, GpuKdTree, GpuTriangleBvh, Hits, KdTreeSettings, Ray,
@@ -124,7 +124,9 @@ fn long_casts_go_in_several_submissions(gpu: &Gpu) {
     let mesh = mesh(MeshKind::Soup, 400_000, 3);
     let search = GpuBruteForceMesh::build(gpu, &mesh).unwrap().within_box().unwrap();
     let most = search.rays_a_submission();
-    assert_eq!(most, (1 << 30) / 400_000);
+    // Never fewer than keep a card busy.
+    let fewest = if gpu.kind() == AdapterKind::Software { 1 << 10 } else { 1 << 16 };
+    assert_eq!(most, ((1 << 30) / 400_000).max(fewest));
     // Few of the rays meet the box, so that a software device is not kept for long.
     let bounds = mesh.bounds();
     let ray = |i: usize| {
