@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use clap::Args;
 use nearfield::application::{
-    self, DistanceField, DistanceMode, DistanceSettings, GpuOrientedSamples, MeshDistance, OrientedSamples, SignRule,
-    Watch, grid_around,
+    self, DistanceField, DistanceMode, DistanceSettings, GpuMeshDistance, GpuOrientedSamples, MeshDistance,
+    OrientedSamples, SignRule, Watch, grid_around,
 };
 use nearfield::geometry::RegularGrid;
 use nearfield::gpu::DeviceChoice;
@@ -77,7 +77,7 @@ pub(crate) struct SdfArgs {
     #[arg(long)]
     points: bool,
 
-    /// Where to compute: auto, cpu, gpu, or a device of `nearfield devices`; meshes are computed on the CPU
+    /// Where to compute: auto, cpu, gpu, or a device of `nearfield devices`
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     device: DeviceChoice,
 
@@ -254,12 +254,6 @@ impl SdfArgs {
     ) -> nearfield::Result<(DistanceField, SignRule, String)> {
         let cloud = match surface {
             Surface::Mesh(mesh) => {
-                if !matches!(self.device, DeviceChoice::Auto | DeviceChoice::Cpu) {
-                    return Err(Error::Unsupported {
-                        what: "the distance from a mesh on a GPU".to_owned(),
-                        advice: "use --device cpu, or --points for the distance from its vertices",
-                    });
-                }
                 let mesh = MeshDistance::new(mesh)?;
                 let closure = mesh.closure();
                 if !closure.is_closed() {
@@ -270,7 +264,15 @@ impl SdfArgs {
                     ));
                 }
                 let sign = settings.sign.unwrap_or_else(|| mesh.usual_sign());
-                return Ok((mesh.distance_field(grid, settings, watch)?, sign, "cpu".to_owned()));
+                let mut device = "cpu".to_owned();
+                let there = on_gpu(&self.device, notes, |gpu| {
+                    gpu.name().clone_into(&mut device);
+                    GpuMeshDistance::upload(gpu, &mesh)?.distance_field(grid, settings)?.read()
+                })?;
+                return match there {
+                    Some(field) => Ok((field, sign, device)),
+                    None => Ok((mesh.distance_field(grid, settings, watch)?, sign, "cpu".to_owned())),
+                };
             }
             Surface::Points(cloud) => cloud,
         };

@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use clap::Args;
 use nearfield::application::{
-    self, Contour, ContourReport, ContourSettings, DistanceMode, DistanceSettings, GpuOrientedSamples, MeshDistance,
-    NodeValues, OrientedSamples, SignRule, VertexMode, Watch, contour, contour_on_gpu,
+    self, Contour, ContourReport, ContourSettings, DistanceMode, DistanceSettings, GpuMeshDistance, GpuOrientedSamples,
+    MeshDistance, NodeValues, OrientedSamples, SignRule, VertexMode, Watch, contour, contour_on_gpu,
 };
 use nearfield::geometry::mesh_topology::MeshTopology;
 use nearfield::geometry::{DistanceGrid, RegularGrid};
@@ -297,8 +297,16 @@ impl SurfaceArgs {
         let cloud = match source {
             Source::Field(field) => return Ok((field.clone(), "the input".to_owned())),
             Source::Mesh(mesh) => {
-                let field = MeshDistance::new(mesh)?.distance_field(&grid, &settings, watch)?;
-                return Ok((field.distances, "cpu".to_owned()));
+                let mesh = MeshDistance::new(mesh)?;
+                let mut device = "cpu".to_owned();
+                let there = on_gpu(&self.device, notes, |gpu| {
+                    gpu.name().clone_into(&mut device);
+                    GpuMeshDistance::upload(gpu, &mesh)?.distance_field(&grid, &settings)?.read()
+                })?;
+                return match there {
+                    Some(field) => Ok((field.distances, device)),
+                    None => Ok((mesh.distance_field(&grid, &settings, watch)?.distances, "cpu".to_owned())),
+                };
             }
             Source::Points(cloud) => cloud,
         };

@@ -5,9 +5,11 @@ mod support;
 
 use libtest_mimic::{Arguments, Trial};
 use nearfield::application::{
-    DistanceField, DistanceMode, DistanceSettings, GpuOrientedSamples, OrientedSamples, SignRule, Watch, grid_around,
+    DistanceField, DistanceMode, DistanceSettings, GpuMeshDistance, GpuOrientedSamples, MeshDistance, OrientedSamples,
+    SignRule, Watch, grid_around,
 };
-use nearfield::geometry::RegularGrid;
+use nearfield::geometry::generate::{MeshKind, mesh};
+use nearfield::geometry::{RegularGrid, TriMesh};
 use nearfield::gpu::Gpu;
 use nearfield::{Aabb, DVec3, Error, Vec3};
 use support::{Random, gpu_trial};
@@ -57,6 +59,46 @@ fn difference_in_ulp(a: &DistanceField, b: &DistanceField) -> i64 {
     differ.max().unwrap()
 }
 
+/// A mesh with some of its triangles left out, so that it has holes.
+fn with_holes(whole: &TriMesh) -> TriMesh {
+    let kept = whole.triangles.iter().copied().enumerate().filter(|(i, _)| i % 11 != 0).map(|(_, t)| t);
+    TriMesh::new(whole.vertices.clone(), kept.collect()).unwrap()
+}
+
+/// Compares the field of a mesh on the device with that of the CPU.
+fn compare_mesh(gpu: &Gpu, name: &str, mesh: &TriMesh, settings: &DistanceSettings) {
+    let grid = grid_around(DVec3::ZERO, &mesh.bounds(), 41, 4.0).unwrap();
+    let surface = MeshDistance::new(mesh).unwrap();
+    let here = surface.distance_field(&grid, settings, &mut Watch::none()).unwrap();
+    let there = GpuMeshDistance::upload(gpu, &surface).unwrap().distance_field(&grid, settings).unwrap();
+    let there = there.read().unwrap();
+    let (width, mut other_triangles) = (f64::from(grid.spacing()), 0);
+    let radius = settings.radius(&grid);
+    for (i, (&a, &b)) in here.distances.values().iter().zip(there.distances.values()).enumerate() {
+        let [a, b] = [a, b].map(f64::from);
+        if a.is_nan() || b.is_nan() {
+            let known = if a.is_nan() { b } else { a };
+            assert!(
+                a.is_nan() == b.is_nan() || (known.abs() - radius).abs() < 1e-5 * width,
+                "{name}: node {i}: {a}, {b}"
+            );
+            continue;
+        }
+        assert!((a.abs() - b.abs()).abs() < 1e-5 * width, "{name}: node {i}: {a}, {b}");
+        assert!((a < 0.0) == (b < 0.0) || a.abs() < 1e-4 * width, "{name}: node {i}: {a}, {b}");
+        other_triangles += usize::from(here.nearest[i] != there.nearest[i]);
+        // The triangle that is named is that of the distance.
+        let named = there.nearest[i] as usize;
+        let node = grid.node(i).unwrap();
+        let place = DVec3::from([0, 1, 2].map(|axis| grid.coordinate(axis, node[axis])));
+        let corners = mesh.triangles[named].map(|v| mesh.vertices[v as usize].as_dvec3() - place);
+        let (offset, _) = nearfield::geometry::closest_point::closest_point(corners);
+        assert!((offset.length() - a.abs()).abs() < 1e-5 * width, "{name}: node {i} is not that far from {named}");
+    }
+    println!("{name}: {} nodes, {other_triangles} with another triangle as near", here.n_defined());
+    assert!(here.n_defined() > 1000);
+}
+
 fn main() {
     let mut trials: Vec<Trial> = vec![gpu_trial("a_planted_difference_is_seen", |gpu| {
         let [mut here, there] = both(gpu, 500, 25, &DistanceSettings::default().mode(DistanceMode::Nearest));
@@ -96,6 +138,34 @@ fn main() {
         let pairs = here.distances.values().iter().zip(there.distances.values());
         let wrong = pairs.filter(|(a, b)| a.is_sign_negative() != b.is_sign_negative() && a.abs() > 0.1 * width);
         assert_eq!(wrong.count(), 0);
+    }));
+    for (name, kind, n) in
+        [("torus", MeshKind::Torus, 3000), ("cube", MeshKind::Cube, 12), ("sphere", MeshKind::Icosphere, 1280)]
+    {
+        trials.push(gpu_trial(format!("{name}_meshes_have_the_field_of_the_cpu"), move |gpu| {
+            let made = mesh(kind, n, 0);
+            for (rule, band) in
+                [(SignRule::Pseudonormal, 4.0), (SignRule::Pseudonormal, f64::INFINITY), (SignRule::WindingNumber, 3.0)]
+            {
+                let settings = DistanceSettings::default().sign(rule).band(band);
+                compare_mesh(gpu, &format!("{name} by {rule} to {band}"), &made, &settings);
+            }
+            compare_mesh(gpu, &format!("{name} with holes"), &with_holes(&made), &DistanceSettings::default());
+        }));
+    }
+    trials.push(gpu_trial("meshes_that_cannot_be_computed_on_the_device_say_why", |gpu| {
+        let made = mesh(MeshKind::Cube, 12, 0);
+        let (surface, settings) = (MeshDistance::new(&made).unwrap(), DistanceSettings::default());
+        let there = GpuMeshDistance::upload(gpu, &surface).unwrap();
+        let away = RegularGrid::new(DVec3::ZERO, Vec3::splat(50.0), 0.1, [9; 3]).unwrap();
+        let error = there.distance_field(&away, &settings).unwrap_err().to_string();
+        assert!(error.contains("none of 12 triangles"), "{error}");
+        assert!(there.distance_field(&away, &settings.sign(SignRule::Normal)).is_err());
+        let flat = TriMesh::new(vec![Vec3::ZERO, Vec3::X], vec![[0, 1, 1]]).unwrap();
+        let flat = MeshDistance::new(&flat).unwrap();
+        let there = GpuMeshDistance::upload(gpu, &flat).unwrap();
+        let error = there.distance_field(&away, &settings).unwrap_err().to_string();
+        assert!(error.contains("none of 1 triangles"), "{error}");
     }));
     trials.push(gpu_trial("what_cannot_be_computed_on_the_device_says_why", |gpu| {
         let (points, normals) = torus(200);

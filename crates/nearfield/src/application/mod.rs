@@ -17,7 +17,7 @@ pub use distance_field::{
     DistanceField, DistanceMode, DistanceSettings, MeshClosure, MeshDistance, OrientedSamples, SignRule, grid_around,
 };
 #[cfg(feature = "gpu")]
-pub use distance_field::{FieldParameters, GpuDistanceField, GpuOrientedSamples};
+pub use distance_field::{FieldParameters, GpuDistanceField, GpuMeshDistance, GpuOrientedSamples};
 pub use domain_decomposition::{Exchange, PartReport, Partition, PartitionReport, compare_curves};
 pub use dual_contouring::{
     Contour, ContourReport, ContourSettings, Crossing, FieldHermite, FunctionHermite, GridEdge, HermiteData,

@@ -1,6 +1,7 @@
 //! Values and formulas: boxes, balls, rays, triangles, clouds, meshes and grids of values, and the one distance formula.
 
 mod aabb;
+pub mod algebraic_sphere;
 pub mod closest_point;
 pub mod distance;
 mod distance_grid;

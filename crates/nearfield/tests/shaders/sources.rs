@@ -10,6 +10,9 @@ pub(crate) const VISITOR: &str = "package::structure::visitor";
 pub(crate) const TRACE: &str = "package::structure::ray_selected";
 pub(crate) const HIT_VISITOR: &str = "package::structure::hit_visitor";
 
+/// What distance fields are from: samples or triangles.
+pub(crate) const SURFACE: &str = "package::application::distance_field::surface";
+
 /// Condition of traversals that holds for visitors of masks, and only for them.
 pub(crate) const MASKS: &str = "masks";
 
@@ -82,6 +85,9 @@ pub(crate) fn fillings(modules: &Modules, root: &str) -> Vec<Vec<(&'static str, 
     }
     if own.contains(HIT_VISITOR) {
         return hit_visitors.iter().map(|&v| vec![(HIT_VISITOR, v)]).collect();
+    }
+    if own.contains(SURFACE) {
+        return with_function(modules, "nearest_to").map(|surface| vec![(SURFACE, surface)]).collect();
     }
     let visitors: Vec<_> = with_function(modules, "finish").collect();
     let takes_masks = |visitor: &str| source_of(modules, visitor).contains("fn visit_mask(");

@@ -7,6 +7,8 @@ use super::cpu::check_band;
 use super::pseudonormals::{MeshClosure, Pseudonormals};
 use super::{DistanceField, DistanceSettings, SignRule};
 use crate::application::{Watch, WindingNumber};
+#[cfg(feature = "gpu")]
+use crate::geometry::closest_point::TriangleFeature;
 use crate::geometry::closest_point::closest_point;
 use crate::geometry::{RegularGrid, TriMesh};
 use crate::query::{ClosestPoint, ClosestPointSearch};
@@ -85,23 +87,24 @@ impl MeshDistance {
         watch: &mut Watch<'_>,
     ) -> Result<DistanceField> {
         settings.validate(grid)?;
-        let sign = settings.sign.unwrap_or_else(|| self.usual_sign());
-        let winding = match sign {
-            SignRule::WindingNumber => Some(self.winding_number()?),
-            SignRule::Pseudonormal => None,
-            SignRule::Normal => {
-                return Err(Error::InvalidSetting {
-                    setting: "sign",
-                    found: sign.to_string(),
-                    expected: "pseudonormal or winding-number for a mesh",
-                });
-            }
-        };
+        let winding = (self.sign(settings)? == SignRule::WindingNumber).then(|| self.winding_number()).transpose()?;
         let radius = settings.radius(grid);
         let bricks = Bricks::new(grid);
         let field = bricks.compute("distances", watch, |brick| self.fill(&bricks, brick, radius, winding.as_ref()))?;
         check_band(&field, settings, grid, "triangles", self.mesh.triangles.len())?;
         Ok(field)
+    }
+
+    /// The rule of the sign.
+    pub(super) fn sign(&self, settings: &DistanceSettings) -> Result<SignRule> {
+        match settings.sign.unwrap_or_else(|| self.usual_sign()) {
+            SignRule::Normal => Err(Error::InvalidSetting {
+                setting: "sign",
+                found: SignRule::Normal.to_string(),
+                expected: "pseudonormal or winding-number for a mesh",
+            }),
+            rule => Ok(rule),
+        }
     }
 
     fn fill(
@@ -130,8 +133,18 @@ impl MeshDistance {
         Some(values)
     }
 
-    fn corners(&self, triangle: u32) -> [DVec3; 3] {
+    pub(super) fn corners(&self, triangle: u32) -> [DVec3; 3] {
         self.mesh.triangles[triangle as usize].map(|i| self.mesh.vertices[i as usize].as_dvec3())
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(super) fn bvh(&self) -> &TriangleBvh {
+        &self.bvh
+    }
+
+    #[cfg(feature = "gpu")]
+    pub(super) fn pseudonormal(&self, triangle: u32, feature: TriangleFeature) -> DVec3 {
+        self.normals.normal(triangle, feature)
     }
 
     fn offset(&self, place: DVec3, triangle: u32) -> DVec3 {

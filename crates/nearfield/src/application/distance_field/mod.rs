@@ -23,6 +23,10 @@ mod bricks;
 mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
+#[cfg(feature = "gpu")]
+mod gpu_mesh;
+#[cfg(feature = "gpu")]
+mod gpu_run;
 mod grid;
 mod mesh;
 mod pseudonormals;
@@ -35,7 +39,11 @@ mod value;
 use crate::geometry::DistanceGrid;
 
 #[cfg(feature = "gpu")]
-pub use gpu::{FieldParameters, GpuDistanceField, GpuOrientedSamples};
+pub use gpu::GpuOrientedSamples;
+#[cfg(feature = "gpu")]
+pub use gpu_mesh::GpuMeshDistance;
+#[cfg(feature = "gpu")]
+pub use gpu_run::{FieldParameters, GpuDistanceField};
 pub use grid::grid_around;
 pub use mesh::MeshDistance;
 pub use pseudonormals::MeshClosure;

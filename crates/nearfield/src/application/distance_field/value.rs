@@ -1,11 +1,12 @@
-//! The distance that the samples near a place give it. `value.wesl` is the twin.
+//! The distance that the samples near a place give it. `evaluate.wesl` is the twin.
 //!
 //! All is computed from offsets, query minus sample: coordinates far from zero cancel before anything is squared.
 
 use super::DistanceMode;
 use super::samples::OrientedSamples;
 use crate::geometry::Scalar;
-use crate::geometry::vector::{Vector, add_scaled, dot, norm2, scale, subtract};
+use crate::geometry::algebraic_sphere::SphereSums;
+use crate::geometry::vector::{Vector, dot, scale, subtract};
 
 /// Squared distances beyond that of the nearest, in σ², up to which samples count: weights below e^−12 do not.
 pub(super) const REACH: f64 = 12.0;
@@ -100,99 +101,22 @@ fn imls<T: Scalar>(samples: &OrientedSamples<T>, query: &Vector<T>, near: &Near<
     if weights > T::ZERO { sum / weights } else { near.plane() }
 }
 
-/// Sums of the fit of a sphere, over samples at −offset from the query.
-#[derive(Debug, Clone, Copy)]
-struct SphereSums<T> {
-    weights: T,
-    /// Σ w p
-    points: Vector<T>,
-    /// Σ w n
-    normals: Vector<T>,
-    /// Σ w p·p
-    squares: T,
-    /// Σ w p·n
-    products: T,
-}
-
-impl<T: Scalar> SphereSums<T> {
-    const ZERO: Self =
-        Self { weights: T::ZERO, points: [T::ZERO; 3], normals: [T::ZERO; 3], squares: T::ZERO, products: T::ZERO };
-
-    fn add(&mut self, point: Vector<T>, normal: Vector<T>, weight: T) {
-        self.weights += weight;
-        self.points = add_scaled(self.points, point, weight);
-        self.normals = add_scaled(self.normals, normal, weight);
-        self.squares += weight * norm2(point);
-        self.products += weight * dot(point, normal);
-    }
-
-    /// The distance of the query from the algebraic sphere u_c + u_l·x + u_q x·x = 0, which may be a plane: the potential
-    /// u_c after Pratt's normalisation, 2 u_c / (1 + |u_l|) of it. `None` where no sphere is determined.
-    fn distance(&self) -> Option<T> {
-        let half = T::of(0.5);
-        let mean = scale(self.points, T::ONE / self.weights);
-        let spread = self.squares - dot(self.points, mean);
-        let bent = self.products - dot(self.normals, mean);
-        // Samples at one place have no curvature.
-        let is_spread = spread > T::of(16.0) * T::EPSILON * self.squares;
-        let quadratic = if is_spread { half * bent / spread } else { T::ZERO };
-        let linear = scale(add_scaled(self.normals, self.points, -(quadratic + quadratic)), T::ONE / self.weights);
-        let constant = -(dot(linear, self.points) + quadratic * self.squares) / self.weights;
-        let pratt2 = norm2(linear) - T::of(4.0) * constant * quadratic;
-        let pratt = (pratt2 > T::ZERO).then(|| pratt2.sqrt())?;
-        let (potential, gradient) = (constant / pratt, norm2(linear).sqrt() / pratt);
-        let distance = (potential + potential) / (T::ONE + gradient);
-        distance.is_finite().then_some(distance)
-    }
-}
-
 /// The distance from the sphere fitted with weights (1 − t/12)⁴.
 fn apss<T: Scalar>(samples: &OrientedSamples<T>, query: &Vector<T>, near: &Near<T>, sigma: T) -> T {
-    let mut sums = SphereSums::ZERO;
+    let mut sums = SphereSums::default();
     around(samples, query, near, sigma, |offset, normal, t| {
         let inside = (T::ONE - t * T::of(1.0 / REACH)).larger(T::ZERO);
         let square = inside * inside;
         sums.add(scale(offset, -T::ONE), normal, square * square);
     });
-    let fitted = (sums.weights > T::ZERO).then(|| sums.distance()).flatten();
+    let fitted = (sums.weights > T::ZERO).then(|| sums.sphere(T::ONE).distance([T::ZERO; 3])).flatten();
     fitted.unwrap_or_else(|| near.plane())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_distance_from_a_fitted_sphere_is_exact() {
-        let center = [0.3f64, -2.0, 1.1];
-        for (radius, outwards) in [(3.0, 1.0), (3.0, -1.0), (0.5, 1.0)] {
-            let mut sums = SphereSums::ZERO;
-            for i in 0..40 {
-                let z = 1.0 - (2 * i + 1) as f64 / 60.0;
-                let ring = (1.0 - z * z).sqrt();
-                let normal = [ring * libm::cos(f64::from(i)), ring * libm::sin(f64::from(i)), z];
-                sums.add(add_scaled(center, normal, radius), scale(normal, outwards), 1.0 + z);
-            }
-            let expected = outwards * (norm2(center).sqrt() - radius);
-            assert!((sums.distance().unwrap() - expected).abs() < 1e-9, "{:?} {expected}", sums.distance());
-        }
-    }
-
-    #[test]
-    fn flat_samples_give_the_plane_and_a_single_one_too() {
-        let mut sums = SphereSums::ZERO;
-        for i in 0..9 {
-            sums.add([f64::from(i % 3), f64::from(i / 3), -0.75], [0.0, 0.0, 1.0], 1.0);
-        }
-        assert!((sums.distance().unwrap() - 0.75).abs() < 1e-12);
-        let mut one = SphereSums::ZERO;
-        one.add([0.5f32, 0.25, -2.0], [0.0, 0.0, 1.0], 1.0);
-        assert_eq!(one.distance(), Some(2.0));
-        let mut opposite = SphereSums::ZERO;
-        opposite.add([0.0f32, 0.0, -1.0], [0.0, 0.0, 1.0], 1.0);
-        opposite.add([0.0f32, 0.0, -1.0], [0.0, 0.0, -1.0], 1.0);
-        assert_eq!(opposite.distance(), None);
-    }
+    use crate::geometry::vector::norm2;
 
     #[test]
     fn the_sign_of_zero_is_outside_and_values_keep_away() {

@@ -39,7 +39,6 @@ mod report;
 mod rimls;
 mod settings;
 mod smooth;
-mod sphere;
 mod spread;
 mod weight;
 

@@ -15,7 +15,7 @@ use crate::structure::{BuildStage, GpuRayStructure, PreparedTriangles, RayStruct
 
 /// Time to test a triangle, in units of the time to test the boxes of a node. Source: Ylitie2017.
 const TRIANGLE_COST: f32 = 0.3;
-/// Trees of at most this many levels are walked with a small stack; `STACK` in trace.wesl.
+/// Trees of at most this many levels are walked with a small stack; `STACK` in trace.wesl and in triangles.wesl of distance fields.
 const SHALLOW: u32 = 20;
 
 /// The triangles of a mesh in a hierarchy of compressed boxes, eight children a node, on the GPU.
@@ -134,6 +134,11 @@ impl GpuTriangleBvh {
         self.depth
     }
 
+    /// Whether kernels that walk it need a large stack: the condition `deep` of their modules.
+    pub(crate) fn is_deep(&self) -> bool {
+        self.depth > SHALLOW
+    }
+
     /// The first broken invariant of what is on the device, in words; `None` for a sound tree. Reads everything back.
     ///
     /// # Errors
@@ -165,7 +170,7 @@ impl GpuRayStructure for GpuTriangleBvh {
     }
 
     fn features(&self) -> Vec<(&'static str, bool)> {
-        vec![("short_loops", self.gpu.limits().loop_rounds.is_some()), ("deep", self.depth > SHALLOW)]
+        vec![("short_loops", self.gpu.limits().loop_rounds.is_some()), ("deep", self.is_deep())]
     }
 
     fn bindings(&self) -> Vec<(Access, Bind)> {
