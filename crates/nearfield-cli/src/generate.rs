@@ -8,7 +8,7 @@ use nearfield::geometry::generate::{CloudKind, MeshKind, add_noise, cloud, mesh}
 use nearfield::io::{Format, WriteOptions, write_cloud, write_mesh};
 
 use crate::exit::Failure;
-use crate::options::{Amount, Common, Length};
+use crate::options::{Amount, Common, Length, deviation};
 use crate::output;
 use crate::progress::Progress;
 use crate::report::grouped;
@@ -121,16 +121,13 @@ impl GenerateArgs {
             (Some(_), Kind::Mesh(kind)) => {
                 Err(Failure::Usage(format!("--noise moves points of clouds, and {kind} is a mesh")))
             }
-            (Some(Length::Absolute(sigma) | Length::Percent(sigma)), _) if !(sigma >= 0.0 && sigma.is_finite()) => {
-                Err(Failure::Usage(format!("--noise {sigma}: expected a length of 0 or more")))
-            }
-            (noise, _) => Ok(noise),
+            (noise, _) => noise.map(deviation).transpose(),
         }
     }
 }
 
 /// Checks that `n` elements may be had, by the user's limit and by trying: the generators themselves do not fail.
-fn fits(what: &'static str, n: usize, each: u64, common: &Common) -> Result<(), Failure> {
+pub(crate) fn fits(what: &'static str, n: usize, each: u64, common: &Common) -> Result<(), Failure> {
     let needed = (n as u64).saturating_mul(each);
     common.allow(what, needed).map_err(Failure::Search)?;
     let had = usize::try_from(needed).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok());

@@ -41,6 +41,7 @@ mod render;
 mod render_picture;
 mod render_scene;
 mod report;
+mod sample;
 mod sdf;
 mod sdf_picture;
 mod smooth;
@@ -94,6 +95,7 @@ enum Verb {
     Normals(Box<normals::NormalsArgs>),
     Convert(convert::ConvertArgs),
     Generate(generate::GenerateArgs),
+    Sample(sample::SampleArgs),
     Sdf(Box<sdf::SdfArgs>),
     Smooth(Box<smooth::SmoothArgs>),
     Sort(sort::SortArgs),
@@ -163,6 +165,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Normals(args) => normals::run(args, common),
         Verb::Convert(args) => convert::run(args, common),
         Verb::Generate(args) => generate::run(args, common),
+        Verb::Sample(args) => sample::run(args, common),
         Verb::Sdf(args) => sdf::run(args, common),
         Verb::Smooth(args) => smooth::run(args, common),
         Verb::Sort(args) => sort::run(args, common),
@@ -176,7 +179,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
 fn usage_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
         return "say what to do: demo, neighbors, octree, heatmap, raycast, render, sdf, info, normals, smooth, mesh, offset, \
-                convert, generate, sort, devices, formats or completions; \
+                convert, generate, sample, sort, devices, formats or completions; \
                 `nearfield --help` explains"
             .to_owned();
     }

@@ -88,6 +88,15 @@ impl FromStr for Length {
     }
 }
 
+/// The deviation of noise, which may be 0.
+pub(crate) fn deviation(noise: Length) -> Result<Length, Failure> {
+    let (Length::Absolute(sigma) | Length::Percent(sigma)) = noise;
+    if sigma >= 0.0 && sigma.is_finite() {
+        return Ok(noise);
+    }
+    Err(Failure::Usage(format!("--noise {sigma}: expected a length of 0 or more")))
+}
+
 /// A number of bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Bytes(pub(crate) u64);

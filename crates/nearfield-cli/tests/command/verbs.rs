@@ -107,6 +107,61 @@ fn generate_gives_the_same_bytes_for_the_same_seed() {
 }
 
 #[test]
+fn samples_lie_on_the_mesh_but_for_the_noise() {
+    let folder = Folder::new("sample");
+    folder.ok("generate cube -n 12 -o cube.obj -q");
+    folder.ok("sample cube.obj -n 2000 --normals -o exact.xyz -q");
+    folder.ok("sample cube.obj -n 2000 --noise 1% --seed 5 -o scan.ply -q");
+    folder.ok("sample cube.obj -n 2000 --noise 1% --seed 5 -o again.ply -q");
+    folder.ok("sample cube.obj -n 2000 --noise 1% --seed 6 -o other.ply -q");
+    folder.ok("convert scan.ply scan.xyz -q");
+    let [scan, again, other] = ["scan.ply", "again.ply", "other.ply"].map(|name| fs::read(folder.path(name)).unwrap());
+    assert!(scan == again && scan != other);
+    assert!(!String::from_utf8_lossy(&scan[..300]).contains("nx"), "no normals were asked for");
+    let rows = |name: &str| -> Vec<Vec<f64>> {
+        let text = fs::read_to_string(folder.path(name)).unwrap();
+        let numbers = |line: &str| line.split_whitespace().map(|t| t.parse().unwrap()).collect();
+        text.lines().filter(|line| !line.starts_with('#')).map(numbers).collect()
+    };
+    // The cube is 1 wide. A point is as far from its surface as the nearest of the planes of its faces.
+    let info = folder.json("info cube.obj --json");
+    let corner = |key: &str| -> Vec<f64> {
+        info[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+    };
+    let (low, high) = (corner("min"), corner("max"));
+    let off = |p: &[f64]| {
+        (0..3).map(|a| (p[a] - low[a]).abs().min((p[a] - high[a]).abs())).fold(f64::INFINITY, f64::min)
+    };
+    let exact = rows("exact.xyz");
+    assert_eq!((exact.len(), exact[0].len()), (2000, 6), "places and normals");
+    for row in &exact {
+        assert!(off(row) < 1e-6, "{row:?}");
+        let axis = (3..6).find(|&a| row[a].abs() > 0.999).unwrap_or_else(|| panic!("{row:?}")) - 3;
+        let face = if row[axis + 3] > 0.0 { high[axis] } else { low[axis] };
+        assert!((row[axis] - face).abs() < 1e-6, "normals point outwards: {row:?}");
+    }
+    // 1 % of the diagonal; near edges the nearest plane may be another, which makes the deviation smaller.
+    let scan = rows("scan.xyz");
+    let rms = (scan.iter().map(|p| off(p).powi(2)).sum::<f64>() / scan.len() as f64).sqrt();
+    assert!((0.014..0.019).contains(&rms), "{rms}");
+}
+
+#[test]
+fn what_cannot_be_sampled_says_why() {
+    let folder = Folder::new("sample-fails");
+    folder.ok("generate uniform -n 10 -o points.ply -q");
+    folder.fails("sample points.ply -n 10 -o scan.ply", 65, "no triangles");
+    fs::write(folder.path("flat.obj"), "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n").unwrap();
+    folder.fails("sample flat.obj -n 10 -o scan.ply", 2, "without area");
+    folder.ok("generate cube -n 12 -o cube.obj -q");
+    folder.fails("sample cube.obj -n 10 --noise=-1 -o scan.ply", 2, "0 or more");
+    folder.fails("sample cube.obj -n 10 -o scan.stl", 2, "not written");
+    folder.fails("sample cube.obj -n 1e9 --max-memory 1MB -o scan.ply", 75, "samples");
+    folder.fails("sample missing.obj -n 10 -o scan.ply", 66, "missing.obj");
+    assert!(!folder.path("scan.ply").exists());
+}
+
+#[test]
 fn devices_and_formats_are_listed() {
     let folder = Folder::new("lists");
     let devices = folder.json("devices --json");
@@ -134,6 +189,7 @@ fn help_has_an_example_for_each_subcommand() {
         "info",
         "convert",
         "generate",
+        "sample",
         "sort",
         "devices",
         "formats",
