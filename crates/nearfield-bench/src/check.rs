@@ -72,17 +72,25 @@ impl Expected {
     /// # Errors
     /// As the grid; where grid and loop differ.
     pub fn of(points: &[Vec3], radius: f32) -> Result<Self> {
+        Self::around(points, points, radius)
+    }
+
+    /// The same for queries that are other places.
+    ///
+    /// # Errors
+    /// As [`Expected::of`].
+    pub fn around(points: &[Vec3], queries: &[Vec3], radius: f32) -> Result<Self> {
         let grid = UniformGrid::build(points, &GridSettings::for_radius(radius))?;
         let count = |change: f64| -> Result<Vec<u32>> {
             let radius = (f64::from(radius) * (1.0 + change)) as f32;
-            Ok(grid.count(&FixedRadius::new(radius))?.into_vec())
+            Ok(grid.count(&FixedRadius::new(radius).queries(queries))?.into_vec())
         };
         let (lowest, highest) = (count(-RADIUS_SLACK)?, count(RADIUS_SLACK)?);
-        let step = points.len().div_ceil(SAMPLE_ROWS).max(1);
+        let step = queries.len().div_ceil(SAMPLE_ROWS).max(1);
         let mut sample = Vec::new();
-        for query in (0..points.len()).step_by(step) {
+        for query in (0..queries.len()).step_by(step) {
             let (lowest, highest) = (lowest[query] as usize, highest[query] as usize);
-            let [surely, certain, possible, perhaps] = rows_in_f64(points, query, radius);
+            let [surely, certain, possible, perhaps] = rows_in_f64(points, queries[query], radius);
             if !(surely.len() <= lowest && lowest <= highest && highest <= perhaps.len()) {
                 let (surely, perhaps) = (surely.len(), perhaps.len());
                 return Err(wrong(format!(
@@ -221,8 +229,8 @@ impl SampleRow {
 }
 
 /// Points near a query by a plain loop: with the slacks -wide, -rounding, +rounding, +wide.
-fn rows_in_f64(points: &[Vec3], query: usize, radius: f32) -> [Vec<u32>; 4] {
-    let (center, radius) = (points[query].as_dvec3(), f64::from(radius));
+fn rows_in_f64(points: &[Vec3], query: Vec3, radius: f32) -> [Vec<u32>; 4] {
+    let (center, radius) = (query.as_dvec3(), f64::from(radius));
     let radius2 = radius * radius;
     let perhaps: Vec<(u32, f64)> = points
         .par_iter()
@@ -273,6 +281,20 @@ mod tests {
         let list = nearfield::BruteForce::build(&points).and_then(|b| b.list(&FixedRadius::new(radius)));
         let (offsets, indices, _) = list.expect("a list").into_parts();
         (Expected::of(&points, radius).expect("a reference"), offsets, indices)
+    }
+
+    #[test]
+    fn lists_around_other_places_are_judged_by_them() {
+        let set: Set = "uniform-2k".parse().expect("a set");
+        let (points, radius) = (set.points(), set.radius());
+        let queries: Vec<Vec3> = points.iter().take(300).map(|p| 0.5 * *p + 0.25).collect();
+        let list =
+            nearfield::BruteForce::build(&points).and_then(|b| b.list(&FixedRadius::new(radius).queries(&queries)));
+        let (offsets, indices, _) = list.expect("a list").into_parts();
+        let expected = Expected::around(&points, &queries, radius).expect("a reference");
+        expected.check_list(&offsets, &indices).expect("the list is right");
+        let other = Expected::around(&points, &points[..300], radius).expect("a reference");
+        assert!(other.check_list(&offsets, &indices).is_err());
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Every measurement checks its own answer in the same run and stops with an error where it is wrong, so that no fast
 //! but wrong answer is ever reported. Times are medians after a warm-up; device times are the device's timestamps.
 
+pub mod applications;
 pub mod baselines;
 pub mod check;
 pub mod curve;

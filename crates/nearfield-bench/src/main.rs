@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
-use nearfield_bench::{Result, baselines, curve, device, grid, octree, paper, primitives, rays};
+use nearfield_bench::{Result, applications, baselines, curve, device, grid, octree, paper, primitives, rays};
 
 /// Measure Nearfield on this machine.
 #[derive(Parser)]
@@ -17,6 +17,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    /// The paper's applications: smoothing, resampling, distance fields and offsets by every search, with their quality
+    Applications(applications::Arguments),
     /// Table of build, count and list on one device, beside the figures of other libraries.
     Device(device::Arguments),
     /// The experiments of Accel on its uniform grid: CSV files, plots and claims
@@ -45,6 +47,7 @@ enum Command {
 
 fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
+        Command::Applications(arguments) => applications::run(&arguments),
         Command::Device(arguments) => device::run(&arguments),
         Command::Grid(arguments) => grid::run(&arguments),
         Command::Octree(arguments) => octree::run(&arguments),

@@ -1,7 +1,7 @@
 //! What the experiments share: devices, scale, budget, folder, and the points they begin with.
 
 use std::cell::Cell;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use nearfield::geometry::generate::{CloudKind, cloud};
@@ -39,22 +39,30 @@ impl Lab {
     /// # Errors
     /// `NoDevice`; a scale or budget that is not positive; a folder that cannot be made.
     pub fn open(arguments: &Arguments) -> Result<Self> {
-        let Arguments { scale, budget, output, .. } = arguments;
-        if !(*scale > 0.0 && *scale <= 100.0) {
+        let Arguments { device, scale, budget, output, .. } = arguments;
+        Self::new(device, *scale, *budget, output)
+    }
+
+    /// As [`Lab::open`], for experiments of other modules.
+    ///
+    /// # Errors
+    /// As [`Lab::open`].
+    pub fn new(device: &DeviceChoice, scale: f64, budget: f64, output: &Path) -> Result<Self> {
+        if !(scale > 0.0 && scale <= 100.0) {
             return Err(format!("--scale {scale} is not usable: expected above 0 and at most 100").into());
         }
-        if budget.is_nan() || *budget < 0.0 {
+        if budget.is_nan() || budget < 0.0 {
             return Err(format!("--budget {budget} is not usable: expected seconds, 0 or more").into());
         }
         std::fs::create_dir_all(output).map_err(|error| Error::from(format!("{}: {error}", output.display())))?;
-        let chosen = Machine::open(&arguments.device)?;
+        let chosen = Machine::open(device)?;
         Ok(Self {
             gpu: matches!(chosen.device, Device::Gpu(_)).then_some(chosen),
             cpu: Machine::open(&DeviceChoice::Cpu)?,
-            scale: *scale,
-            budget: *budget,
+            scale,
+            budget,
             begin: Cell::new(Instant::now()),
-            folder: output.clone(),
+            folder: output.to_path_buf(),
         })
     }
 

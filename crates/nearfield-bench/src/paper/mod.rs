@@ -106,7 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for (name, measure) in EXPERIMENTS {
         if arguments.all.is_some() || named.iter().any(|wanted| wanted == name) {
             parts.push((name, measure(&lab)?));
-            summary::write(&lab, &command(arguments), &parts)?;
+            summary::write(&lab, &summary::HEAD, &command(arguments), &parts)?;
         }
     }
     Ok(())

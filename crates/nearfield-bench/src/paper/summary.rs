@@ -11,29 +11,45 @@ use crate::plots::short;
 /// An experiment and its rows.
 pub type Part = (&'static str, Vec<Row>);
 
+/// What stands above the tables.
+#[derive(Debug, Clone, Copy)]
+pub struct Head<'a> {
+    /// The first line.
+    pub title: &'a str,
+    /// What a reader of the rows must know.
+    pub notes: &'a [&'a str],
+    /// What times are.
+    pub times: &'a str,
+}
+
+/// That of the experiments on moving points.
+pub const HEAD: Head<'_> = Head {
+    title: "The experiments of Xing2017, measured again",
+    notes: &original::NOTES,
+    times: "Times are wall clock with the device having finished, points on the device and lists left there; the CSV files have the \
+            device's own clock beside them. Every answer was checked in the run that timed it. Of a search that may miss neighbours the \
+            recall stands behind the time.",
+};
+
 /// Writes the summary.
 ///
 /// # Errors
 /// A file that cannot be written.
-pub fn write(lab: &Lab, command: &str, parts: &[Part]) -> Result<()> {
+pub fn write(lab: &Lab, head: &Head<'_>, command: &str, parts: &[Part]) -> Result<()> {
     let path = lab.path("summary.md");
-    std::fs::write(&path, text(lab, command, parts)).map_err(|error| format!("{}: {error}", path.display()).into())
+    let text = text(lab, head, command, parts);
+    std::fs::write(&path, text).map_err(|error| format!("{}: {error}", path.display()).into())
 }
 
-fn text(lab: &Lab, command: &str, parts: &[Part]) -> String {
-    let mut text = String::from("# The experiments of Xing2017, measured again\n\n");
-    let _ = writeln!(text, "`{command}`\n");
+fn text(lab: &Lab, head: &Head<'_>, command: &str, parts: &[Part]) -> String {
+    let mut text = format!("# {}\n\n`{command}`\n\n", head.title);
     for line in lab.caption() {
         let _ = writeln!(text, "- {line}");
     }
-    for note in original::NOTES {
+    for note in head.notes {
         let _ = writeln!(text, "- {note}");
     }
-    text.push_str(
-        "\nTimes are wall clock with the device having finished, points on the device and lists left there; the CSV files have the \
-         device's own clock beside them. Every answer was checked in the run that timed it. Of a search that may miss neighbours the \
-         recall stands behind the time.\n",
-    );
+    let _ = writeln!(text, "\n{}", head.times);
     for (experiment, rows) in parts {
         let _ = writeln!(text, "\n## {experiment}\n");
         for figure in figures(lab, experiment) {
@@ -47,10 +63,12 @@ fn text(lab: &Lab, command: &str, parts: &[Part]) -> String {
 
 /// The plots of an experiment that are there.
 fn figures(lab: &Lab, experiment: &str) -> Vec<String> {
-    let numbered = (1..=9).map(|number| format!("{experiment}-{number}.svg"));
+    let kinds = ["svg", "png"];
+    let numbered = kinds.map(|kind| (1..=9).map(move |number| format!("{experiment}-{number}.{kind}")));
     // Figure 13 is figure 12 by phase.
     let by_phase = (experiment == "figure-12").then(|| "figure-13.svg".to_owned());
-    let files = std::iter::once(format!("{experiment}.svg")).chain(numbered).chain(by_phase);
+    let own = kinds.map(|kind| format!("{experiment}.{kind}"));
+    let files = own.into_iter().chain(numbered.into_iter().flatten()).chain(by_phase);
     files.filter(|file| lab.path(file).exists()).collect()
 }
 

@@ -42,13 +42,18 @@ pub const STANFORD: (&str, usize) = ("stanford-bunny.obj", 69_451);
 /// Fewest triangles of a mesh that is made.
 const FEWEST: usize = 80;
 
+/// `folder`, by default `NEARFIELD_DATA`, else `../shared/data` beside the repository.
+pub fn data_folder(folder: Option<&Path>) -> PathBuf {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    let by_default = || std::env::var_os("NEARFIELD_DATA").map_or_else(beside, Into::into);
+    folder.map_or_else(by_default, Path::to_path_buf)
+}
+
 impl Source {
     /// Files of `folder`, by default `NEARFIELD_DATA`, else `../shared/data` beside the repository. With a scale other than
     /// 1 no file is read: icospheres have numbers of triangles of the files times it.
     pub fn new(folder: Option<&Path>, scale: f64) -> Self {
-        let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-        let by_default = || std::env::var_os("NEARFIELD_DATA").map_or_else(beside, Into::into);
-        Self { folder: folder.map_or_else(by_default, Path::to_path_buf), scale }
+        Self { folder: data_folder(folder), scale }
     }
 
     /// A file's mesh; an icosphere where the file is not there.

@@ -125,13 +125,11 @@ fn samples_lie_on_the_mesh_but_for_the_noise() {
     };
     // The cube is 1 wide. A point is as far from its surface as the nearest of the planes of its faces.
     let info = folder.json("info cube.obj --json");
-    let corner = |key: &str| -> Vec<f64> {
-        info[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
-    };
+    let corner =
+        |key: &str| -> Vec<f64> { info[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect() };
     let (low, high) = (corner("min"), corner("max"));
-    let off = |p: &[f64]| {
-        (0..3).map(|a| (p[a] - low[a]).abs().min((p[a] - high[a]).abs())).fold(f64::INFINITY, f64::min)
-    };
+    let off =
+        |p: &[f64]| (0..3).map(|a| (p[a] - low[a]).abs().min((p[a] - high[a]).abs())).fold(f64::INFINITY, f64::min);
     let exact = rows("exact.xyz");
     assert_eq!((exact.len(), exact[0].len()), (2000, 6), "places and normals");
     for row in &exact {

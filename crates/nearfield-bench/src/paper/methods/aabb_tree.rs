@@ -6,7 +6,7 @@ use nearfield::{
     SearchOnDevice, TreeSearch,
 };
 
-use super::{Found, Method, Plug, Positions, Start, Update};
+use super::{Found, Method, NearestFound, Plug, Positions, Start, Update};
 use crate::Result;
 
 /// The paper's method: median splits, built anew on the CPU when a box has grown tenfold; algorithm 2.
@@ -81,6 +81,14 @@ impl Method for OnGpu {
         Ok(self.0.tree().nearest(&FixedRadius::new(radius).exclude_self())?)
     }
 
+    fn list_around(&mut self, queries: &Positions, radius: f32) -> Result<Found> {
+        Ok(Found::OnDevice(self.0.tree().list_on_device(&FixedRadius::new(radius).queries(&queries.host))?))
+    }
+
+    fn nearest_around(&mut self, queries: &Positions, radius: f32) -> Result<NearestFound> {
+        Ok(self.0.tree().nearest(&FixedRadius::new(radius).queries(&queries.host))?.into())
+    }
+
     fn memory_bytes(&self) -> u64 {
         NeighborSearch::memory_bytes(self.0.tree())
     }
@@ -100,6 +108,14 @@ impl Method for OnCpu {
 
     fn nearest(&mut self, radius: f32) -> Result<Nearest> {
         Ok(self.0.tree().nearest(&FixedRadius::new(radius).exclude_self())?)
+    }
+
+    fn list_around(&mut self, queries: &Positions, radius: f32) -> Result<Found> {
+        Ok(Found::OnHost(self.0.tree().list(&FixedRadius::new(radius).queries(&queries.host))?))
+    }
+
+    fn nearest_around(&mut self, queries: &Positions, radius: f32) -> Result<NearestFound> {
+        Ok(self.0.tree().nearest(&FixedRadius::new(radius).queries(&queries.host))?.into())
     }
 
     fn memory_bytes(&self) -> u64 {

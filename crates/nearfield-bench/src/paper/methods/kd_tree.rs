@@ -1,6 +1,6 @@
 //! The exact kd-tree on the CPU, in the place of the paper's ANN: kiddo's, built on one thread and asked on all.
 
-use super::{Found, Method, Plug, Positions, Update};
+use super::{Found, Method, NearestFound, Plug, Positions, Update, nearest_within};
 use crate::Result;
 use crate::baselines::kd_tree_cpu::KdTree;
 use crate::baselines::{Points, Queries};
@@ -31,6 +31,20 @@ impl Method for Kiddo {
     fn list(&mut self, radius: f32) -> Result<Found> {
         let rows = self.tree.list_within(Queries::Points, radius)?;
         Ok(Found::Baseline { rows, stages: Vec::new(), is_exact: true })
+    }
+
+    fn list_around(&mut self, queries: &Positions, radius: f32) -> Result<Found> {
+        let rows = self.tree.list_within(Queries::Other(&Points::in_space(&queries.host)?), radius)?;
+        Ok(Found::Baseline { rows, stages: Vec::new(), is_exact: true })
+    }
+
+    fn nearest_around(&mut self, queries: &Positions, radius: f32) -> Result<NearestFound> {
+        let rows = self.tree.knn(Queries::Other(&Points::in_space(&queries.host)?), 1)?;
+        Ok(NearestFound {
+            indices: nearest_within(rows.ids(), rows.dist2(), radius),
+            stages: Vec::new(),
+            is_exact: true,
+        })
     }
 
     /// The points, and kiddo's copy of them with an index each; kiddo does not tell its own.

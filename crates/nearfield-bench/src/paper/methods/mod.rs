@@ -155,6 +155,29 @@ impl Found {
     }
 }
 
+/// The nearest points of some places.
+pub struct NearestFound {
+    /// `[q]` indices; `u32::MAX` where there is none.
+    pub indices: Vec<u32>,
+    /// Stages of the query.
+    pub stages: Vec<Stage>,
+    /// Whether each must be the true one.
+    pub is_exact: bool,
+}
+
+impl From<Nearest> for NearestFound {
+    fn from(nearest: Nearest) -> Self {
+        let stages = nearest.report.stages.clone();
+        Self { indices: nearest.indices().to_vec(), stages, is_exact: true }
+    }
+}
+
+/// Of the nearest of each place those within the radius.
+fn nearest_within(ids: &[u32], dist2: &[f32], radius: f32) -> Vec<u32> {
+    let within = |(&id, &d2): (&u32, &f32)| if d2 <= radius * radius { id } else { u32::MAX };
+    ids.iter().zip(dist2).map(within).collect()
+}
+
 /// What a check found.
 pub struct Judged {
     /// Of a method that may miss neighbours.
@@ -176,6 +199,24 @@ pub trait Method {
     /// # Errors
     /// What the structure returns.
     fn list(&mut self, radius: f32) -> Result<Found>;
+
+    /// Neighbours of other places.
+    ///
+    /// # Errors
+    /// What the structure returns; `Unsupported` where the method is not asked for it.
+    fn list_around(&mut self, _queries: &Positions, _radius: f32) -> Result<Found> {
+        let what = "a search around other places by this baseline".to_owned();
+        Err(nearfield::Error::Unsupported { what, advice: "it is measured by the lists of its own points" }.into())
+    }
+
+    /// The nearest point of other places, within the radius.
+    ///
+    /// # Errors
+    /// As [`Method::list_around`].
+    fn nearest_around(&mut self, _queries: &Positions, _radius: f32) -> Result<NearestFound> {
+        let what = "a search for the nearest of other places by this baseline".to_owned();
+        Err(nearfield::Error::Unsupported { what, advice: "it is measured by its lists" }.into())
+    }
 
     /// The nearest other point of every point within the radius.
     ///

@@ -2,7 +2,7 @@
 
 use nearfield::{FixedRadius, Nearest, NeighborSearch, Vec3};
 
-use super::{Found, Method, Positions, Update};
+use super::{Found, Method, NearestFound, Positions, Update};
 use crate::Result;
 
 type Build<S> = Box<dyn Fn(&[Vec3]) -> nearfield::Result<S>>;
@@ -32,6 +32,14 @@ impl<S: NeighborSearch> Method for Rebuilt<S> {
 
     fn nearest(&mut self, radius: f32) -> Result<Nearest> {
         Ok(self.structure.nearest(&FixedRadius::new(radius).exclude_self())?)
+    }
+
+    fn list_around(&mut self, queries: &Positions, radius: f32) -> Result<Found> {
+        Ok(Found::OnHost(self.structure.list(&FixedRadius::new(radius).queries(&queries.host))?))
+    }
+
+    fn nearest_around(&mut self, queries: &Positions, radius: f32) -> Result<NearestFound> {
+        Ok(self.structure.nearest(&FixedRadius::new(radius).queries(&queries.host))?.into())
     }
 
     fn memory_bytes(&self) -> u64 {

@@ -4,7 +4,7 @@ use nearfield::gpu::Buffer;
 use nearfield::structure::DevicePoint;
 use nearfield::{FixedRadius, Nearest, NeighborSearch, SearchOnDevice};
 
-use super::{Found, Method, Positions, Update};
+use super::{Found, Method, NearestFound, Positions, Update};
 use crate::Result;
 
 /// What builds a structure of points on the device.
@@ -45,6 +45,14 @@ impl<B: Builds> Method for Rebuilt<B> {
 
     fn nearest(&mut self, radius: f32) -> Result<Nearest> {
         Ok(self.structure().nearest(&FixedRadius::new(radius).exclude_self())?)
+    }
+
+    fn list_around(&mut self, queries: &Positions, radius: f32) -> Result<Found> {
+        Ok(Found::OnDevice(self.structure().list_on_device(&FixedRadius::new(radius).queries(&queries.host))?))
+    }
+
+    fn nearest_around(&mut self, queries: &Positions, radius: f32) -> Result<NearestFound> {
+        Ok(self.structure().nearest(&FixedRadius::new(radius).queries(&queries.host))?.into())
     }
 
     fn memory_bytes(&self) -> u64 {

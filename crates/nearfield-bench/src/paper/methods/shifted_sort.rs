@@ -4,10 +4,10 @@
 //! when recall is measured. Five shifts.
 
 use nearfield::Error;
-use nearfield::gpu::Buffer;
+use nearfield::gpu::{Buffer, Gpu};
 use nearfield::structure::DevicePoint;
 
-use super::{Found, Method, Plug, Positions, Update};
+use super::{Found, Method, NearestFound, Plug, Positions, Update, nearest_within};
 use crate::Result;
 use crate::baselines::MOST_K;
 use crate::baselines::shifted_sort::{Asks, GpuShiftedSort, ShiftedSortSettings};
@@ -25,11 +25,13 @@ pub const ON_GPU: Plug = Plug {
             return Err(Error::Unsupported { what, advice: "it keeps at most 128" }.into());
         }
         let plan = GpuShiftedSort::new(start.gpu(), start.at.host.len(), ShiftedSortSettings::new(k))?;
-        Ok(Box::new(ShiftedSort { plan, k, points: start.at.on_device().clone(), n: start.at.host.len() as u64 }))
+        let (gpu, points) = (start.gpu().clone(), start.at.on_device().clone());
+        Ok(Box::new(ShiftedSort { gpu, plan, k, points, n: start.at.host.len() as u64 }))
     },
 };
 
 struct ShiftedSort {
+    gpu: Gpu,
     plan: GpuShiftedSort,
     k: usize,
     points: Buffer<DevicePoint>,
@@ -46,6 +48,21 @@ impl Method for ShiftedSort {
     fn list(&mut self, radius: f32) -> Result<Found> {
         let rows = self.plan.run(&self.points, &cube(), Asks::Points { without_self: false })?;
         Ok(Found::NearestRows { k: self.k, rows, radius })
+    }
+
+    fn list_around(&mut self, queries: &Positions, radius: f32) -> Result<Found> {
+        let rows = self.plan.run(&self.points, &cube(), Asks::Other(queries.on_device()))?;
+        Ok(Found::NearestRows { k: self.k, rows, radius })
+    }
+
+    /// By the first place of its rows; made for one neighbour it keeps no other.
+    fn nearest_around(&mut self, queries: &Positions, radius: f32) -> Result<NearestFound> {
+        let rows = self.plan.run(&self.points, &cube(), Asks::Other(queries.on_device()))?;
+        let first = |all: usize| (0..all).step_by(self.k);
+        let (ids, dist2) = (self.gpu.read(&rows.ids)?, self.gpu.read(&rows.dist2)?);
+        let ids: Vec<u32> = first(ids.len()).map(|i| ids[i]).collect();
+        let dist2: Vec<f32> = first(dist2.len()).map(|i| dist2[i]).collect();
+        Ok(NearestFound { indices: nearest_within(&ids, &dist2, radius), stages: rows.stages, is_exact: false })
     }
 
     /// Points, sorted points, keys twice and their order.
