@@ -13,6 +13,8 @@ use crate::sets::SEED;
 
 /// Longest side of a mesh: with its noise and a narrow band it stays in the cube.
 const SIDE: f32 = 1.8;
+/// Files whose z axis points up; in pictures it is y.
+const Z_UP: [&str; 1] = ["nefertiti.obj"];
 /// Triangles of the ball that takes the place of a mesh.
 const BALL: usize = 20_480;
 /// Queries that neighbours are counted at while a radius is looked for.
@@ -47,7 +49,8 @@ impl Body {
         if bounds.is_empty() || !(longest > 0.0 && longest.is_finite()) {
             return Err(format!("{}: a mesh without size", path.display()).into());
         }
-        let vertices = found.vertices.iter().map(|v| (*v - bounds.center()) * (SIDE / longest)).collect();
+        let turned = |v: Vec3| if Z_UP.contains(&file) { Vec3::new(v.x, v.z, -v.y) } else { v };
+        let vertices = found.vertices.iter().map(|v| turned(*v - bounds.center()) * (SIDE / longest)).collect();
         let mesh = TriMesh::new(vertices, found.triangles)?;
         let diagonal = f64::from(mesh.bounds().diagonal());
         Ok(Self { name, mesh, diagonal })
