@@ -143,7 +143,7 @@ impl Told<'_> {
 }
 
 /// Number of points by the name of the flag.
-fn flag_counts(flagged: [u64; 6]) -> Value {
+fn flag_counts(flagged: [u64; 7]) -> Value {
     let named = PointFlags::NAMES.iter().zip(flagged);
     Value::Object(named.map(|(name, count)| ((*name).to_owned(), json!(count))).collect())
 }

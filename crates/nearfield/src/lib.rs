@@ -30,10 +30,10 @@ pub mod structure;
 
 pub use application::{
     Camera, Environment, Film, Material, MlsMethod, MlsProjection, MlsSettings, MlsSmoothing, NormalMethod,
-    NormalSettings, Normals, Partition, PathSettings, PathTracer, Scene, Surface,
+    NormalSettings, Normals, Partition, PathSettings, PathTracer, Scene, Surface, Wlop, WlopSettings, WlopVariant,
 };
 #[cfg(feature = "gpu")]
-pub use application::{GpuMlsProjection, GpuMlsSmoothing, GpuPathTracer};
+pub use application::{GpuMlsProjection, GpuMlsSmoothing, GpuPathTracer, GpuWlop};
 pub use curve::{Curve, Domain, Octant};
 pub use error::{Error, Result};
 pub use geometry::{Aabb, DistanceGrid, PointCloud, Ray, RegularGrid, Scalar, Sphere, TriMesh, Triangle};

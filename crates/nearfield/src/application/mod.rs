@@ -12,6 +12,7 @@ pub mod path_trace;
 mod point_flags;
 mod watch;
 pub mod winding_number;
+pub mod wlop;
 
 pub use distance_field::{
     DistanceField, DistanceMode, DistanceSettings, MeshClosure, MeshDistance, OrientedSamples, SignRule, grid_around,
@@ -49,3 +50,9 @@ pub use watch::{Progress, Watch};
 #[cfg(feature = "gpu")]
 pub use winding_number::{GpuWindingNumber, WindingLayout};
 pub use winding_number::{WindingNumber, disk_areas};
+#[cfg(feature = "gpu")]
+pub use wlop::GpuWlop;
+pub use wlop::{
+    NoiseCheck, Snap, Wlop, WlopReport, WlopSamples, WlopSettings, WlopStart, WlopVariant, estimate_noise, noise_check,
+    random_subset,
+};

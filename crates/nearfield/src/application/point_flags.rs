@@ -23,10 +23,12 @@ impl PointFlags {
     pub const NOT_CONVERGED: Self = Self(16);
     /// A coordinate or a normal that is not a finite number: the point was left as it was.
     pub const INVALID: Self = Self(32);
+    /// Of samples that are drawn to a surface: no point of it draws this one, or next to none.
+    pub const NO_ATTRACTION: Self = Self(64);
 
     /// Names in the order of the bits.
-    pub const NAMES: [&'static str; 6] =
-        ["few-neighbors", "degenerate", "outside", "limited", "not-converged", "invalid"];
+    pub const NAMES: [&'static str; 7] =
+        ["few-neighbors", "degenerate", "outside", "limited", "not-converged", "invalid", "no-attraction"];
 
     /// Whether all of these are set.
     pub fn contains(self, flags: Self) -> bool {
@@ -39,8 +41,8 @@ impl PointFlags {
     }
 
     /// Number of points with each flag, in the order of [`PointFlags::NAMES`].
-    pub fn totals(all: &[Self]) -> [u64; 6] {
-        let mut totals = [0; 6];
+    pub fn totals(all: &[Self]) -> [u64; 7] {
+        let mut totals = [0; 7];
         for flags in all.iter().filter(|flags| !flags.is_empty()) {
             totals.iter_mut().enumerate().for_each(|(bit, total)| *total += u64::from(flags.0 >> bit & 1));
         }
@@ -72,6 +74,6 @@ mod tests {
         both |= PointFlags::LIMITED;
         assert!(both.contains(PointFlags::OUTSIDE) && !both.contains(PointFlags::INVALID) && !both.is_empty());
         assert_eq!(both.to_string(), "outside limited");
-        assert_eq!(PointFlags::totals(&[both, PointFlags::default(), PointFlags::LIMITED]), [0, 0, 1, 2, 0, 0]);
+        assert_eq!(PointFlags::totals(&[both, PointFlags::default(), PointFlags::LIMITED]), [0, 0, 1, 2, 0, 0, 0]);
     }
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use nearfield::application::mls::{ConcludeParameters, FitParameters, FitState, IterationSums, PointPlace};
+use nearfield::application::wlop::{AdvanceParameters, DensityParameters, PairParameters, Pull, Record, RecordPart};
 use nearfield::application::{
     ContourCell, ContourParameters, FieldParameters, PathParameters, PathState, SceneLayout, WindingLayout,
 };
@@ -138,6 +139,22 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         falloff,
         padding
     });
+    let density =
+        layout_of!(DensityParameters { inverse_radius2, falloff, skip2, own, result, padding_0, padding_1, padding_2 });
+    let pairs = layout_of!(PairParameters {
+        inverse_radius2,
+        least_y,
+        falloff,
+        skip2,
+        least_weight,
+        twice_power,
+        weighted,
+        least_samples,
+        mu,
+        least_pull,
+        drifts,
+        padding
+    });
     let conclude = layout_of!(ConcludeParameters {
         center,
         n_points,
@@ -172,6 +189,9 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ),
         ("WindingLayout", layout_of!(WindingLayout { center, scale, n_elements, depth, triangles, padding })),
         ("MlsFitParameters", fit),
+        ("WlopDensityParameters", density),
+        ("WlopParameters", pairs),
+        ("WlopAdvanceParameters", layout_of!(AdvanceParameters { n_samples, n_parts, iteration, least_move })),
         ("MlsConcludeParameters", conclude),
         ("SceneLayout", scene),
         ("PathParameters", paths),
@@ -221,6 +241,9 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
     let fits = [
         ("MlsFit", layout_of!(FitState { goal, said, normal, curvature, mean_distance, reach, t, state })),
         ("MlsPlace", layout_of!(PointPlace { origin, done, at, flags, normal, curvature })),
+        ("WlopPull", layout_of!(Pull { offset, weight, crowd, inputs, padding_0, padding_1 })),
+        ("WlopPart", layout_of!(RecordPart { moves, largest, inputs, samples, unattracted })),
+        ("WlopRecord", layout_of!(Record { moves, largest, inputs, samples, unattracted, is_made })),
         (
             "MlsSums",
             layout_of!(IterationSums {
@@ -233,8 +256,7 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
                 outwards,
                 distances,
                 flagged,
-                padding_0,
-                padding_1
+                padding
             }),
         ),
     ];

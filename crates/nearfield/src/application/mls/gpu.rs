@@ -105,9 +105,8 @@ pub struct IterationSums {
     pub along: f32,
     pub outwards: f32,
     pub distances: f32,
-    pub flagged: [u32; 6],
-    pub padding_0: u32,
-    pub padding_1: u32,
+    pub flagged: [u32; 7],
+    pub padding: u32,
 }
 
 /// Points and samples on a device, and the kernels that move the points.

@@ -24,7 +24,7 @@ pub struct MlsReport {
     /// Mean number of samples that a point was fitted to, itself among them where it is one.
     pub mean_neighbors: f64,
     /// Number of points with each flag, in the order of [`PointFlags::NAMES`](crate::application::PointFlags::NAMES).
-    pub flagged: [u64; 6],
+    pub flagged: [u64; 7],
     /// Times of the stages, in order.
     pub stages: Vec<Stage>,
     /// Time of the iteration by the host's clock.
@@ -47,7 +47,7 @@ pub(super) struct Sums {
     pub(super) outwards: f64,
     pub(super) distances: f64,
     pub(super) neighbors: u64,
-    pub(super) flagged: [u64; 6],
+    pub(super) flagged: [u64; 7],
 }
 
 impl Sums {
@@ -104,12 +104,12 @@ mod tests {
 
     #[test]
     fn sums_add_up() {
-        let flagged = [0, 0, 1, 1, 0, 0];
+        let flagged = [0, 0, 1, 1, 0, 0, 0];
         let one = Sums { fitted: 1, moves: 0.5, largest: 0.5, neighbors: 7, flagged, ..Sums::default() };
         let mut all = one;
         all.add(&Sums { largest: 0.25, moves: 0.25, fitted: 1, ..Sums::default() });
         let report = all.report(3, false, vec![], 0.0);
         assert_eq!((report.iteration, report.mean_move, report.largest_move), (3, 0.375, 0.5));
-        assert_eq!((report.mean_neighbors, report.flagged), (3.5, [0, 0, 1, 1, 0, 0]));
+        assert_eq!((report.mean_neighbors, report.flagged), (3.5, [0, 0, 1, 1, 0, 0, 0]));
     }
 }

@@ -10,7 +10,7 @@ mod kinds;
 mod lidar;
 mod meshes;
 mod noise;
-mod random;
+pub(crate) mod random;
 mod terrain;
 
 #[cfg(test)]

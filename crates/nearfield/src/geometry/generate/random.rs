@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 /// SplitMix64 (Steele2014).
-pub(super) struct SplitMix64 {
+pub(crate) struct SplitMix64 {
     state: u64,
 }
 
@@ -18,7 +18,7 @@ pub(super) fn mix(mut z: u64) -> u64 {
 
 impl SplitMix64 {
     /// Stream number `index` of `seed`: streams start at unrelated places of the one sequence of 2⁶⁴ numbers.
-    pub(super) fn stream(seed: u64, index: u64) -> Self {
+    pub(crate) fn stream(seed: u64, index: u64) -> Self {
         Self { state: mix(mix(seed.wrapping_add(GOLDEN_GAMMA)).wrapping_add(index.wrapping_mul(GOLDEN_GAMMA))) }
     }
 
@@ -43,7 +43,7 @@ impl SplitMix64 {
     }
 
     /// Uniform in 0 … count - 1 (count ≥ 1), by the high half of a product; the bias is below count · 2⁻⁶⁴.
-    pub(super) fn below(&mut self, count: u64) -> u64 {
+    pub(crate) fn below(&mut self, count: u64) -> u64 {
         ((u128::from(self.next_u64()) * u128::from(count)) >> 64) as u64
     }
 

@@ -41,6 +41,13 @@ impl<T: Scalar, const D: usize> AabbTreeN<T, D> {
     ///
     /// One traversal; callers run many queries side by side themselves.
     pub fn for_each_within(&self, query: &[T; D], radius: T, mut visit: impl FnMut(u32, T)) {
+        let ids = self.ordered_points().ids();
+        self.for_each_place_within(query, radius, |place, dist2| visit(ids[place], dist2));
+    }
+
+    /// The same with the place of each point in the order of the tree.
+    #[inline(always)]
+    pub(crate) fn for_each_place_within(&self, query: &[T; D], radius: T, mut visit: impl FnMut(usize, T)) {
         if self.is_empty() || !(radius >= T::ZERO && radius.is_finite()) || query.iter().any(|x| !x.is_finite()) {
             return;
         }
@@ -52,7 +59,7 @@ impl<T: Scalar, const D: usize> AabbTreeN<T, D> {
             |leaf| {
                 points.for_each_dist2(self.places(leaf), query, |place, dist2| {
                     if dist2 <= radius2 {
-                        visit(points.ids()[place], dist2);
+                        visit(place, dist2);
                     }
                 });
             },
