@@ -17,6 +17,7 @@ pub mod primitives;
 pub mod provenance;
 pub mod rays;
 pub mod sets;
+pub mod wlop;
 
 /// Any failure: the library's, a file's, or an answer that [`check`] refuses.
 pub type Error = Box<dyn std::error::Error + Send + Sync>;

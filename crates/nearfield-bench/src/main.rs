@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
-use nearfield_bench::{Result, applications, baselines, curve, device, grid, octree, paper, primitives, rays};
+use nearfield_bench::{Result, applications, baselines, curve, device, grid, octree, paper, primitives, rays, wlop};
 
 /// Measure Nearfield on this machine.
 #[derive(Parser)]
@@ -29,6 +29,8 @@ enum Command {
     Paper(paper::Arguments),
     /// The experiments of Accel on its kd-tree, and the speed of rays: a CSV file and plots
     Rays(rays::Arguments),
+    /// Locally optimal projection: times of all variants, and CGAL's samples beside the library's
+    Wlop(wlop::Arguments),
     /// Approximate and other libraries' searches, with recall beside their times
     Baselines(baselines::Arguments),
     /// Times of keys along the curves and of relations between octants on one device
@@ -53,6 +55,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Command::Octree(arguments) => octree::run(&arguments),
         Command::Paper(arguments) => paper::run(&arguments),
         Command::Rays(arguments) => rays::run(&arguments),
+        Command::Wlop(arguments) => wlop::run(&arguments),
         Command::Baselines(arguments) => baselines::run(&arguments),
         Command::Curve { device } => match Machine::open(&device)?.device {
             Device::Cpu => Ok(curve::run_on_cpu()?),

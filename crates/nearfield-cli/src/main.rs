@@ -41,6 +41,8 @@ mod render;
 mod render_picture;
 mod render_scene;
 mod report;
+mod resample;
+mod resample_report;
 mod sample;
 mod sdf;
 mod sdf_picture;
@@ -98,6 +100,7 @@ enum Verb {
     Sample(sample::SampleArgs),
     Sdf(Box<sdf::SdfArgs>),
     Smooth(Box<smooth::SmoothArgs>),
+    Resample(Box<resample::ResampleArgs>),
     Sort(sort::SortArgs),
     Devices(devices::DevicesArgs),
     Formats(formats::FormatsArgs),
@@ -168,6 +171,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Sample(args) => sample::run(args, common),
         Verb::Sdf(args) => sdf::run(args, common),
         Verb::Smooth(args) => smooth::run(args, common),
+        Verb::Resample(args) => resample::run(args, common),
         Verb::Sort(args) => sort::run(args, common),
         Verb::Devices(args) => devices::run(args),
         Verb::Formats(args) => formats::run(args),
@@ -178,8 +182,8 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
 /// What is wrong with the command line, in one line.
 fn usage_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, sdf, info, normals, smooth, mesh, offset, \
-                convert, generate, sample, sort, devices, formats or completions; \
+        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, sdf, info, normals, smooth, resample, mesh, \
+                offset, convert, generate, sample, sort, devices, formats or completions; \
                 `nearfield --help` explains"
             .to_owned();
     }

@@ -7,6 +7,7 @@ mod normals;
 mod octree;
 mod rays;
 mod render;
+mod resample;
 mod sdf;
 mod smooth;
 mod sort;

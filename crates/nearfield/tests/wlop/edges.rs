@@ -94,7 +94,7 @@ fn starts_agree() {
 
 fn outliers_are_flagged() {
     let mut points = torus(5000, 0.003).points;
-    points.extend([[3.0, 3.0, 3.0], [-3.0, 3.0, 3.0], [-3.1, 3.0, 3.0]]);
+    points.extend([[3.0, 3.0, 3.0], [-3.0, 3.0, 3.0], [-3.3, 3.0, 3.0]]);
     let mut samples: Vec<[f64; 3]> = points.iter().step_by(25).take(200).copied().collect();
     // On an outlier, on one of two, and in nothing.
     samples.extend([[3.0, 3.0, 3.0], [-3.0, 3.0, 3.0], [0.0, 9.0, 0.0]]);
@@ -107,12 +107,12 @@ fn outliers_are_flagged() {
         let both = PointFlags::NO_ATTRACTION.0 | PointFlags::FEW_NEIGHBORS.0;
         assert!(found.flags[..200].iter().all(|flags| flags.is_empty()), "{variant}: {:?}", found.flags);
         assert!(found.flags[200..].iter().all(|flags| flags.0 == both), "{variant}: {:?}", &found.flags[200..]);
-        // CGAL's formula does not see a point where the sample is.
-        let unattracted = if variant == WlopVariant::Cgal { 2 } else { 1 };
+        // CGAL's formula does not see a point where the sample is, and within its radius there is no other.
+        let unattracted = if variant == WlopVariant::Cgal { 3 } else { 1 };
         assert_eq!(reports[4].unattracted, unattracted, "{variant}");
         assert_eq!((found.positions[200], found.positions[202]), (samples[200], samples[202]), "{variant}");
         assert_eq!((found.unattracted(), found.keep_attracted(), found.positions.len()), (3, 3, 200));
-        // Nothing is flagged where nothing is asked for, but for the one in nothing.
+        // Nothing is flagged where nothing is asked for, but what nothing attracts.
         let lenient = WlopSettings { least_attraction: 0.0, ..settings };
         let mut wlop = Wlop::new(&tree, &WlopStart::Positions(&samples), &lenient).unwrap();
         wlop.iterate().unwrap();
@@ -123,13 +123,13 @@ fn outliers_are_flagged() {
 fn samples_rest() {
     let points = torus(3000, 0.002).points;
     let tree = tree(&points);
-    let start = WlopStart::Random { count: 150, seed: 2 };
-    let settings = WlopSettings { tolerance: 0.02, ..settings(WlopVariant::Best, 0.5) };
+    let start = WlopStart::Random { count: 600, seed: 2 };
+    let settings = WlopSettings { tolerance: 0.05, ..settings(WlopVariant::Best, 0.5) };
     let mut wlop = Wlop::new(&tree, &start, &settings).unwrap();
     let spacing = spacing(&crate::tree(wlop.positions())).unwrap();
     let reports = wlop.run(&mut Watch::none()).unwrap();
     assert!(wlop.is_done() && (3..100).contains(&reports.len()), "{}", reports.len());
-    let rests = |mean: f64| mean < 0.02 * spacing;
+    let rests = |mean: f64| mean < 0.05 * spacing;
     assert!(rests(reports.last().unwrap().mean_move));
     assert!(reports[..reports.len() - 1].iter().all(|report| !rests(report.mean_move)));
     assert!(reports.iter().zip(1..).all(|(report, n)| report.iteration == n));

@@ -2,9 +2,9 @@
 //! against it.
 
 use libtest_mimic::Trial;
+use nearfield::Scalar;
 use nearfield::application::{Wlop, WlopSettings, WlopStart, WlopVariant};
 use nearfield::geometry::vector;
-use nearfield::Scalar;
 
 use crate::support::trial;
 use crate::surfaces::torus;

@@ -5,10 +5,11 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::pairs::{Block, PairWeight};
 use super::report::Sums;
 use super::samples::Around;
 use super::start::{self, sample_spacing};
-use super::variant::{Density, Formula, PairWeight};
+use super::variant::{Density, Formula};
 use super::{WlopReport, WlopSamples, WlopSettings, WlopStart};
 use crate::Result;
 use crate::application::Watch;
@@ -184,6 +185,8 @@ struct Mover<'a, T> {
     repulsion: PairWeight<T>,
     reach: T,
     skips2: [T; 2],
+    /// Squared distance below which a point is where the sample is.
+    at_sample2: T,
     mu: T,
 }
 
@@ -198,6 +201,7 @@ impl<'a, T: Scalar> Mover<'a, T> {
             repulsion: PairWeight::new(&repulsion, repulsion.power, wlop.radius),
             reach: T::of(attraction.reach) * wlop.radius,
             skips2: [T::of(attraction.skip2), T::of(repulsion.skip2)],
+            at_sample2: T::of(attraction.least_y) * wlop.radius * wlop.radius,
             mu: T::of(wlop.settings.mu),
         }
     }
@@ -222,37 +226,53 @@ impl<'a, T: Scalar> Mover<'a, T> {
     fn pull(&self, at: &Vector<T>) -> (Vector<T>, T, Around) {
         let points = self.wlop.inputs.ordered_points();
         let (mut pull, mut sum, mut crowd, mut inputs) = ([T::ZERO; 3], T::ZERO, T::ZERO, 0);
-        self.wlop.inputs.for_each_place_within(at, self.reach, |place, dist2| {
-            inputs += 1;
-            let (theta, mut weight) = self.attraction.of(dist2);
+        let mut add = |place: usize, theta: T, mut weight: T| {
             crowd += theta;
-            if dist2 < self.skips2[0] {
-                return;
-            }
             if let Some(weights) = &self.wlop.input_weights {
                 weight = weight * weights[place];
             }
             pull = vector::add_scaled(pull, vector::subtract(points.position(place), *at), weight);
             sum += weight;
+        };
+        let (mut block, mut at_sample) = (Block::new(), T::ZERO);
+        self.wlop.inputs.for_each_place_within(at, self.reach, |place, dist2| {
+            inputs += 1;
+            if dist2 < self.skips2[0] {
+                return;
+            }
+            if dist2 < self.at_sample2 {
+                at_sample += T::ONE;
+            }
+            if block.add(place, dist2) {
+                block.weigh(&self.attraction, &mut add);
+            }
         });
-        (pull, sum, Around { crowd: crowd.to_f64(), inputs, ..Around::default() })
+        block.weigh(&self.attraction, &mut add);
+        // Each point where the sample stands has added 1, but for rounding.
+        let crowd = (crowd - at_sample).larger(T::ZERO).to_f64();
+        (pull, sum, Around { crowd, inputs, ..Around::default() })
     }
 
     /// The mean of (sample − other) over the other samples, by their weights, and how many there are.
     fn push(&self, at: &Vector<T>, own: usize) -> (Vector<T>, u32) {
         let points = self.wlop.tree.ordered_points();
         let (mut push, mut sum, mut samples) = ([T::ZERO; 3], T::ZERO, 0);
+        let mut add = |place: usize, _: T, weight: T| {
+            let weight = weight * self.weights[place];
+            push = vector::add_scaled(push, vector::subtract(*at, points.position(place)), weight);
+            sum += weight;
+        };
+        let mut block = Block::new();
         self.wlop.tree.for_each_place_within(at, self.wlop.radius, |place, dist2| {
             if place == own {
                 return;
             }
             samples += 1;
-            if dist2 >= self.skips2[1] {
-                let weight = self.repulsion.of(dist2).1 * self.weights[place];
-                push = vector::add_scaled(push, vector::subtract(*at, points.position(place)), weight);
-                sum += weight;
+            if dist2 >= self.skips2[1] && block.add(place, dist2) {
+                block.weigh(&self.repulsion, &mut add);
             }
         });
+        block.weigh(&self.repulsion, &mut add);
         let least = T::of(self.wlop.formula.repulsion.least_weight);
         match sum > T::ZERO && sum >= least && samples >= self.wlop.formula.least_samples {
             true => (vector::scale(push, T::ONE / sum), samples),
@@ -267,12 +287,13 @@ fn densities<T: Scalar>(tree: &AabbTreeN<T, 3>, density: &Density, radius: T) ->
     let (reach, skip2) = (T::of(density.reach) * radius, T::of(density.skip2));
     let falloff = T::of(-density.falloff) / (radius * radius);
     let weight = |own: usize| {
-        let mut sum = T::of(density.own);
+        let (mut sum, mut block) = (T::of(density.own), Block::new());
         tree.for_each_place_within(&points.position(own), reach, |place, dist2| {
-            if place != own && dist2 >= skip2 {
-                sum += (falloff * dist2).exp();
+            if place != own && dist2 >= skip2 && block.add(place, dist2) {
+                block.add_to(&mut sum, falloff);
             }
         });
+        block.add_to(&mut sum, falloff);
         density.result.of(sum)
     };
     (0..points.len()).into_par_iter().with_min_len(TASK).map(weight).collect()

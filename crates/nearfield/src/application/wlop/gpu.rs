@@ -97,7 +97,10 @@ impl GpuWlop {
         let least_move = (settings.tolerance * sample_spacing(&samples) * n as f64) as f32;
         let n_parts = (n as u32).div_ceil(WORKGROUP);
         let step = |iteration| {
-            gpu.uniform("advance parameters", &AdvanceParameters { n_samples: n as u32, n_parts, iteration, least_move })
+            gpu.uniform(
+                "advance parameters",
+                &AdvanceParameters { n_samples: n as u32, n_parts, iteration, least_move },
+            )
         };
         let attraction = |power: Power| {
             let pairs = PairParameters::new(&formula.attraction, power, &formula, radius, settings.mu);

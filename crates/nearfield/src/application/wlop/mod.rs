@@ -35,6 +35,7 @@ mod gpu;
 #[cfg(feature = "gpu")]
 mod gpu_layout;
 mod noise;
+mod pairs;
 mod report;
 mod samples;
 mod settings;

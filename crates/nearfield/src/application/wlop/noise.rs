@@ -45,11 +45,7 @@ impl NoiseCheck {
 ///
 /// # Errors
 /// `InvalidSetting` for a radius that cannot be searched.
-pub fn noise_check<T: Scalar>(
-    tree: &AabbTreeN<T, 3>,
-    variant: WlopVariant,
-    radius: T,
-) -> Result<Option<NoiseCheck>> {
+pub fn noise_check<T: Scalar>(tree: &AabbTreeN<T, 3>, variant: WlopVariant, radius: T) -> Result<Option<NoiseCheck>> {
     let width = variant.width(radius.to_f64());
     let found = estimate_noise(tree, T::of(2.0 * width))?;
     Ok(found.map(|deviation| NoiseCheck { deviation, width }))

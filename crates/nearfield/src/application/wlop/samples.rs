@@ -23,7 +23,7 @@ pub struct WlopSamples<T> {
 /// What the last iteration found around a sample.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Around {
-    /// Σ θ over the points in reach.
+    /// Σ θ over the points in reach, but those where the sample stands.
     pub(super) crowd: f64,
     /// Points in reach.
     pub(super) inputs: u32,
@@ -35,12 +35,7 @@ pub(super) struct Around {
 impl<T: Scalar> WlopSamples<T> {
     /// - `least_attraction`: part of the median of all samples below which there is none
     /// - `least_samples`: other samples that push
-    pub(super) fn new(
-        positions: Vec<Vector<T>>,
-        around: &[Around],
-        least_attraction: f64,
-        least_samples: u32,
-    ) -> Self {
+    pub(super) fn new(positions: Vec<Vector<T>>, around: &[Around], least_attraction: f64, least_samples: u32) -> Self {
         let mut crowds: Vec<f64> = around.iter().map(|sample| sample.crowd).collect();
         let middle = crowds.len() / 2;
         let median = match crowds.is_empty() {
@@ -83,7 +78,8 @@ mod tests {
     #[test]
     fn samples_without_attraction_are_flagged_and_dropped() {
         let around = |crowd, inputs, samples| Around { crowd, inputs, samples, is_attracted: crowd > 0.0 };
-        let all = [around(100.0, 50, 6), around(4.0, 50, 6), around(0.0, 0, 6), around(110.0, 2, 6), around(90.0, 9, 0)];
+        let all =
+            [around(100.0, 50, 6), around(4.0, 50, 6), around(0.0, 0, 6), around(110.0, 2, 6), around(90.0, 9, 0)];
         let positions: Vec<[f64; 3]> = (0..5u8).map(|i| [f64::from(i); 3]).collect();
         let mut samples = WlopSamples::new(positions, &all, 0.05, 1);
         let (none, few) = (PointFlags::NO_ATTRACTION, PointFlags::FEW_NEIGHBORS);

@@ -21,7 +21,7 @@ pub struct WlopSettings {
     pub tolerance: f64,
     /// Whether points in crowded places count less (v). CGAL calls it `require_uniform_sampling` and leaves it out by default.
     pub weigh_inputs: bool,
-    /// Samples around which the points are less dense than this part of the median of all samples have
+    /// Samples around which the points, but one where the sample stands, are less dense than this part of the median of all samples have
     /// [`PointFlags::NO_ATTRACTION`](crate::application::PointFlags::NO_ATTRACTION): they stand on outliers.
     pub least_attraction: f64,
 }
@@ -63,9 +63,8 @@ impl WlopSettings {
     /// # Errors
     /// `InvalidSetting`.
     pub fn validate(&self) -> Result<()> {
-        let wrong = |setting, found: f64, expected| {
-            Err(Error::InvalidSetting { setting, found: found.to_string(), expected })
-        };
+        let wrong =
+            |setting, found: f64, expected| Err(Error::InvalidSetting { setting, found: found.to_string(), expected });
         if !(0.0..=0.5).contains(&self.mu) {
             return wrong("mu", self.mu, "0 to 0.5");
         }

@@ -1,5 +1,4 @@
-//! The formulas by name, as numbers that one loop on the CPU and one set of kernels evaluate. `pairs.wesl` is the twin of the
-//! weights.
+//! The formulas by name, as numbers that one loop on the CPU (`pairs.rs`) and one set of kernels evaluate.
 //!
 //! Squared distances are in parts of the squared radius: y = r² / h². Factors that are the same for all pairs cancel, as all sums are
 //! divided by the sum of their weights.
@@ -76,21 +75,9 @@ pub(super) enum Power {
     Three,
 }
 
+#[cfg(feature = "gpu")]
 impl Power {
-    /// Of the square of r.
-    #[inline(always)]
-    fn of<T: Scalar>(self, y: T) -> T {
-        match self {
-            Self::Zero => T::ONE,
-            Self::Half => T::ONE / y.sqrt().sqrt(),
-            Self::One => T::ONE / y.sqrt(),
-            Self::Two => T::ONE / y,
-            Self::Three => T::ONE / (y * y.sqrt()),
-        }
-    }
-
     /// Twice the power.
-    #[cfg(feature = "gpu")]
     pub(super) fn twice(self) -> u32 {
         match self {
             Self::Zero => 0,
@@ -222,60 +209,5 @@ impl Formula {
                 }
             }
         }
-    }
-}
-
-/// [`Pairs`] at a radius, in one precision.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct PairWeight<T> {
-    inverse_radius2: T,
-    falloff: T,
-    least_y: T,
-    power: Power,
-}
-
-impl<T: Scalar> PairWeight<T> {
-    pub(super) fn new(pairs: &Pairs, power: Power, radius: T) -> Self {
-        Self {
-            inverse_radius2: T::ONE / (radius * radius),
-            falloff: T::of(-pairs.falloff),
-            least_y: T::of(pairs.least_y),
-            power,
-        }
-    }
-
-    /// θ and the weight of a pair at this squared distance.
-    #[inline(always)]
-    pub(super) fn of(&self, dist2: T) -> (T, T) {
-        let y = dist2 * self.inverse_radius2;
-        let theta = (self.falloff * y).exp();
-        (theta, theta * self.power.of(y.larger(self.least_y)))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn powers_are_powers() {
-        let r: f64 = 0.3;
-        let powers = [(Power::Zero, 0.0), (Power::Half, 0.5), (Power::One, 1.0), (Power::Two, 2.0), (Power::Three, 3.0)];
-        for (power, exponent) in powers {
-            let expected = r.powf(-exponent);
-            assert!((power.of(r * r) - expected).abs() < 1e-14 * expected, "{power:?}");
-        }
-    }
-
-    #[test]
-    fn near_pairs_count_as_a_thousandth_of_the_radius() {
-        let formula = Formula::new(WlopVariant::Paper, true, 2.0);
-        let weight = PairWeight::new(&formula.attraction, Power::One, 2.0f64);
-        let (theta, at_once) = weight.of(0.0);
-        assert!(theta == 1.0 && (at_once - 1e3).abs() < 1e-9);
-        assert!((weight.of(1e-8).1 - at_once).abs() < 1e-4);
-        // At a quarter of the radius θ is 1 / e, and r half of one.
-        let (theta, at_quarter) = weight.of(0.25);
-        assert!((theta - (-1.0f64).exp()).abs() < 1e-15 && (at_quarter - 4.0 * theta).abs() < 1e-14);
     }
 }
