@@ -43,6 +43,7 @@ mod render_scene;
 mod report;
 mod resample;
 mod resample_report;
+mod resample_work;
 mod sample;
 mod sdf;
 mod sdf_picture;

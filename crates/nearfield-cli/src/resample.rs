@@ -4,10 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use nearfield::application::{
-    Length, NoiseCheck, Snap, WlopReport, WlopSamples, WlopSettings, WlopStart, WlopVariant, noise_check,
-};
-use nearfield::geometry::{Attribute, Column};
+use nearfield::application::{Length, Snap, WlopSettings, WlopStart, WlopVariant, noise_check};
 use nearfield::gpu::DeviceChoice;
 use nearfield::io::{Format, WriteOptions, write_atomically, write_cloud};
 use nearfield::{AabbTreeN, AabbTreeNSettings, GpuWlop, PointCloud, Vec3, Wlop};
@@ -15,13 +12,13 @@ use nearfield::{AabbTreeN, AabbTreeNSettings, GpuWlop, PointCloud, Vec3, Wlop};
 use crate::exit::{Failure, shown};
 use crate::fallback;
 use crate::input::{Input, file_name, searchable};
-use crate::interrupt;
 use crate::options::{Common, PictureSize};
 use crate::output;
 use crate::picture::Up;
-use crate::progress::{CountBar, Progress};
+use crate::progress::Progress;
 use crate::report::{Times, grouped, milliseconds};
 use crate::resample_report::Told;
+use crate::resample_work::{Done, noise_note, output_cloud, resample};
 use crate::smooth_picture::{self, Smoothed};
 
 const EXAMPLES: &str = "Examples:
@@ -139,52 +136,6 @@ pub(crate) enum SnapTo {
     Apss,
 }
 
-/// What moves samples, wherever it runs.
-trait Resampler {
-    /// Some iterations, none where all is done.
-    fn iterate_some(&mut self) -> nearfield::Result<Vec<WlopReport>>;
-
-    fn is_done(&self) -> bool;
-
-    fn samples(&self) -> nearfield::Result<WlopSamples<f32>>;
-}
-
-impl Resampler for Wlop<'_, f32> {
-    fn iterate_some(&mut self) -> nearfield::Result<Vec<WlopReport>> {
-        Ok(vec![self.iterate()?])
-    }
-
-    fn is_done(&self) -> bool {
-        self.is_done()
-    }
-
-    fn samples(&self) -> nearfield::Result<WlopSamples<f32>> {
-        Ok(self.samples())
-    }
-}
-
-impl Resampler for GpuWlop {
-    fn iterate_some(&mut self) -> nearfield::Result<Vec<WlopReport>> {
-        self.iterate_some()
-    }
-
-    fn is_done(&self) -> bool {
-        self.is_done()
-    }
-
-    fn samples(&self) -> nearfield::Result<WlopSamples<f32>> {
-        self.samples()
-    }
-}
-
-/// What came out.
-pub(crate) struct Done {
-    pub(crate) samples: WlopSamples<f32>,
-    pub(crate) reports: Vec<WlopReport>,
-    pub(crate) radius: f32,
-    pub(crate) interrupted: bool,
-}
-
 pub(crate) fn run(args: &ResampleArgs, common: &Common) -> Result<(), Failure> {
     let (to, settings) = (args.check()?, args.settings()?);
     let (mut times, mut notes) = (Times::default(), Vec::new());
@@ -256,46 +207,6 @@ fn wrong_question(error: nearfield::Error) -> Failure {
         nearfield::Error::InvalidSetting { .. } => Failure::Usage(error.to_string()),
         other => Failure::Search(other),
     }
-}
-
-/// Iterates until all is done or the user wants to end.
-fn resample(
-    radius: f32,
-    mut wlop: impl Resampler,
-    settings: &WlopSettings,
-    common: &Common,
-) -> nearfield::Result<Done> {
-    interrupt::watch();
-    let bar = CountBar::start(common, settings.iterations.into(), "iterations");
-    let mut reports: Vec<WlopReport> = Vec::new();
-    while !wlop.is_done() && !interrupt::asked() {
-        reports.extend(wlop.iterate_some()?);
-        let moved = reports.last().map_or(0.0, |report| report.mean_move);
-        bar.show(reports.len() as u64, &format!("mean move {moved:.3e}"));
-    }
-    let interrupted = !wlop.is_done();
-    Ok(Done { samples: wlop.samples()?, reports, radius, interrupted })
-}
-
-fn noise_note(noise: &NoiseCheck, settings: &WlopSettings, radius: f32) -> Option<String> {
-    let least = noise.least_radius(settings.variant);
-    let note = format!(
-        "the radius {radius} is small for noise of some {:.3}: samples may follow it; --radius {least:.3} or more holds five \
-         deviations in its width",
-        noise.deviation
-    );
-    noise.is_too_small().then_some(note)
-}
-
-/// The samples as a cloud, with the flags where there are some.
-fn output_cloud(cloud: &PointCloud, samples: &WlopSamples<f32>) -> PointCloud {
-    let points = samples.positions.iter().map(|&p| Vec3::from_array(p)).collect();
-    let mut resampled = PointCloud { origin: cloud.origin, points, ..PointCloud::default() };
-    if samples.flags.iter().any(|flags| !flags.is_empty()) {
-        let values = Column::U8(samples.flags.iter().map(|flags| flags.0 as u8).collect());
-        resampled.attributes.push(Attribute { name: "flags".to_owned(), values });
-    }
-    resampled
 }
 
 impl ResampleArgs {

@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 use crate::exit::Failure;
 use crate::options::Common;
 use crate::report::{DIGITS, Times, grouped, print, print_json, rounded, short, shortest, shown_ms, stage_json, table};
-use crate::resample::{Done, ResampleArgs};
+use crate::resample::ResampleArgs;
+use crate::resample_work::Done;
 
 /// Everything worth telling.
 pub(crate) struct Told<'a> {

@@ -26,7 +26,8 @@ fn with_torus(name: &str) -> Folder {
 #[test]
 fn a_noisy_torus_is_resampled() {
     let folder = with_torus("resample-torus");
-    let told = folder.ok("resample torus.ply --count 500 --iterations 12 --device cpu -o out.ply --picture out.png");
+    let told = folder
+        .ok("resample torus.ply --count 500 --radius 0.4 --iterations 12 --device cpu -o out.ply --picture out.png");
     for line in [
         "iteration",
         "mean move",

