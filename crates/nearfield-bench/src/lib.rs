@@ -8,6 +8,7 @@ pub mod baselines;
 pub mod check;
 pub mod curve;
 pub mod device;
+pub mod everyday;
 pub mod grid;
 pub mod measure;
 pub mod octree;

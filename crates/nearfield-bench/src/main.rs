@@ -5,7 +5,9 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
-use nearfield_bench::{Result, applications, baselines, curve, device, grid, octree, paper, primitives, rays, wlop};
+use nearfield_bench::{
+    Result, applications, baselines, curve, device, everyday, grid, octree, paper, primitives, rays, wlop,
+};
 
 /// Measure Nearfield on this machine.
 #[derive(Parser)]
@@ -33,6 +35,8 @@ enum Command {
     Wlop(wlop::Arguments),
     /// Approximate and other libraries' searches, with recall beside their times
     Baselines(baselines::Arguments),
+    /// Clusters, outliers and fewer points of generated sets, with copies
+    Everyday(everyday::Arguments),
     /// Times of keys along the curves and of relations between octants on one device
     Curve {
         /// auto, cpu, gpu, gpu:N or part of a device name
@@ -57,6 +61,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Command::Rays(arguments) => rays::run(&arguments),
         Command::Wlop(arguments) => wlop::run(&arguments),
         Command::Baselines(arguments) => baselines::run(&arguments),
+        Command::Everyday(arguments) => everyday::run(&arguments),
         Command::Curve { device } => match Machine::open(&device)?.device {
             Device::Cpu => Ok(curve::run_on_cpu()?),
             Device::Gpu(gpu) => Ok(curve::run(&gpu)?),

@@ -3,13 +3,16 @@
 //! Each subcommand is a file; errors are one line on standard error and an exit code.
 
 mod agreement;
+mod cluster;
 mod colormap;
 mod completions;
 mod convert;
 mod demo;
 mod devices;
+mod downsample;
 mod exit;
 mod fallback;
+mod filter;
 mod formats;
 mod generate;
 mod heatmap;
@@ -32,6 +35,7 @@ mod offset;
 mod options;
 mod output;
 mod picture;
+mod point_files;
 mod progress;
 mod ray_structure;
 mod ray_structure_report;
@@ -102,6 +106,9 @@ enum Verb {
     Sdf(Box<sdf::SdfArgs>),
     Smooth(Box<smooth::SmoothArgs>),
     Resample(Box<resample::ResampleArgs>),
+    Filter(Box<filter::FilterArgs>),
+    Downsample(Box<downsample::DownsampleArgs>),
+    Cluster(Box<cluster::ClusterArgs>),
     Sort(sort::SortArgs),
     Devices(devices::DevicesArgs),
     Formats(formats::FormatsArgs),
@@ -173,6 +180,9 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Sdf(args) => sdf::run(args, common),
         Verb::Smooth(args) => smooth::run(args, common),
         Verb::Resample(args) => resample::run(args, common),
+        Verb::Filter(args) => filter::run(args, common),
+        Verb::Downsample(args) => downsample::run(args, common),
+        Verb::Cluster(args) => cluster::run(args, common),
         Verb::Sort(args) => sort::run(args, common),
         Verb::Devices(args) => devices::run(args),
         Verb::Formats(args) => formats::run(args),
@@ -183,8 +193,8 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
 /// What is wrong with the command line, in one line.
 fn usage_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, sdf, info, normals, smooth, resample, mesh, \
-                offset, convert, generate, sample, sort, devices, formats or completions; \
+        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, sdf, info, normals, smooth, resample, filter, \
+                downsample, cluster, mesh, offset, convert, generate, sample, sort, devices, formats or completions; \
                 `nearfield --help` explains"
             .to_owned();
     }

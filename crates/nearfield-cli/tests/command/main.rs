@@ -1,5 +1,6 @@
 //! The built command as a user runs it: every subcommand, its files, its JSON and its exit codes.
 
+mod everyday;
 mod failures;
 mod nearest;
 mod neighbors;

@@ -1,25 +1,38 @@
 //! What is made of points once they can be searched. An application is one folder, written on the structures and queries
 //! alone: what it needs and they lack is a missing query.
 
+pub mod cluster;
 pub mod distance_field;
 pub mod domain_decomposition;
+pub mod downsample;
 pub mod dual_contouring;
+mod finite_points;
 mod length;
 pub mod mls;
 pub mod normals;
 mod offset;
+pub mod outliers;
 pub mod path_trace;
 mod point_flags;
 mod watch;
 pub mod winding_number;
 pub mod wlop;
 
+pub use cluster::{Clusters, DbscanSettings, EuclideanSettings, LeftOut, dbscan, euclidean_clusters};
+#[cfg(feature = "gpu")]
+pub use cluster::{GpuClusters, dbscan_on_gpu, euclidean_clusters_on_gpu};
 pub use distance_field::{
     DistanceField, DistanceMode, DistanceSettings, MeshClosure, MeshDistance, OrientedSamples, SignRule, grid_around,
 };
 #[cfg(feature = "gpu")]
 pub use distance_field::{FieldParameters, GpuDistanceField, GpuMeshDistance, GpuOrientedSamples};
 pub use domain_decomposition::{Exchange, PartReport, Partition, PartitionReport, compare_curves};
+#[cfg(feature = "gpu")]
+pub use downsample::voxel_downsample_on_gpu;
+pub use downsample::{
+    Extent, FarthestPoints, FarthestStart, PoissonDisk, PoissonDiskSettings, VoxelOrigin, VoxelPoint, VoxelSettings,
+    Voxels, farthest_points, poisson_disk, voxel_downsample,
+};
 pub use dual_contouring::{
     Contour, ContourReport, ContourSettings, Crossing, FieldHermite, FunctionHermite, GridEdge, HermiteData,
     NodeValues, PointsHermite, VertexMode, contour, contour_with,
@@ -37,6 +50,12 @@ pub use normals::{
     estimate_normals_at, orient_by_spanning_tree, orient_by_viewpoint, orient_by_winding_number,
 };
 pub use offset::{Offset, offset};
+pub use outliers::{
+    Duplicates, OutlierRule, RadiusOutlierSettings, RadiusOutliers, StatisticalOutlierSettings, StatisticalOutliers,
+    duplicates, radius_outliers, statistical_outliers,
+};
+#[cfg(feature = "gpu")]
+pub use outliers::{duplicates_on_gpu, radius_outliers_on_gpu, statistical_outliers_on_gpu};
 pub use path_trace::{
     Camera, CameraFrame, Environment, EnvironmentImage, Film, Material, PathCounters, PathParameters, PathSettings,
     PathState, PathTracer, PointLight, Scene, Surface,

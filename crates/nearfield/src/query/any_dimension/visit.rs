@@ -66,6 +66,29 @@ impl<T: Scalar, const D: usize> AabbTreeN<T, D> {
         );
     }
 
+    /// Whether at least `least` points are within `radius` of `query`, a point at exactly the radius included: a count that ends as
+    /// soon as there are enough. Radii that are NaN, negative or infinite and queries that are not finite have none.
+    pub fn has_within(&self, query: &[T; D], radius: T, least: u32) -> bool {
+        if least == 0 {
+            return true;
+        }
+        if self.is_empty() || !(radius >= T::ZERO && radius.is_finite()) || query.iter().any(|x| !x.is_finite()) {
+            return false;
+        }
+        let (points, radius2, reach) = (self.ordered_points(), radius * radius, reach(radius));
+        let reach2 = reach * reach;
+        let mut found = 0;
+        self.descend_while(
+            0,
+            |node| dist2_to_box(query, node) <= reach2,
+            |leaf| {
+                points.for_each_dist2(self.places(leaf), query, |_, dist2| found += u32::from(dist2 <= radius2));
+                found < least
+            },
+        );
+        found >= least
+    }
+
     /// Fills `few` with the points nearest to `query` among those within `radius`, which may be infinite. Radii that are NaN
     /// or negative and queries that are not finite find nothing.
     pub fn nearest_few(&self, query: &[T; D], radius: T, few: &mut NearestFew<T>) {
@@ -105,6 +128,10 @@ mod tests {
             let all = points.iter().zip(0..).map(|(p, i)| (i, dist2(&query, p)));
             let expected: Vec<(u32, f64)> = all.filter(|hit| hit.1 <= radius * radius).collect();
             assert_eq!(found, expected);
+            let n = expected.len() as u32;
+            for least in [0, 1, n / 2, n, n + 1] {
+                assert_eq!(tree.has_within(&query, radius, least), n >= least, "{least} of {n}");
+            }
             let mut few = NearestFew::new(9);
             tree.nearest_few(&query, radius, &mut few);
             let mut nearest = expected.clone();
@@ -121,7 +148,7 @@ mod tests {
         for (query, radius) in [([f64::NAN, 0.0, 0.0], 1.0), ([0.5; 3], f64::NAN), ([0.5; 3], -1.0)] {
             tree.for_each_within(&query, radius, |_, _| panic!("a point should not be met"));
             tree.nearest_few(&query, radius, &mut few);
-            assert!(few.found().is_empty());
+            assert!(few.found().is_empty() && !tree.has_within(&query, radius, 1));
         }
     }
 }

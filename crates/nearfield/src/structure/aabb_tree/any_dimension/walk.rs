@@ -53,14 +53,30 @@ impl<T: Scalar, const D: usize> AabbTreeN<T, D> {
 
     /// Visits the leaves below `top` whose box and all boxes from `top` on `meets` holds for, in depth-first order. Returns
     /// the number of nodes looked at.
+    #[inline(always)]
     pub(crate) fn descend(&self, top: usize, meets: impl Fn(&BoxN<T, D>) -> bool, mut visit: impl FnMut(usize)) -> u64 {
+        self.descend_while(top, meets, |leaf| {
+            visit(leaf);
+            true
+        })
+    }
+
+    /// The same until `visit` has had enough and says false.
+    #[inline(always)]
+    pub(crate) fn descend_while(
+        &self,
+        top: usize,
+        meets: impl Fn(&BoxN<T, D>) -> bool,
+        mut visit: impl FnMut(usize) -> bool,
+    ) -> u64 {
         let (mut next, end, mut visited) = (Some(top), TreeShape::rope(top), 0);
         while let Some(node) = next.filter(|_| next != end) {
             visited += 1;
             next = TreeShape::rope(node);
             if meets(&self.boxes[node]) {
                 match self.shape.is_leaf(node) {
-                    true => visit(node),
+                    true if !visit(node) => break,
+                    true => {}
                     false => next = Some(2 * node + 1),
                 }
             }
