@@ -125,9 +125,7 @@ mod tests {
             }
         }
         let (mut block, mut sum) = (Block::new(), 1.0);
-        for &d2 in dist2.iter().take(50) {
-            let _ = block.add(0, d2);
-        }
+        assert!(dist2.iter().take(50).all(|&d2| !block.add(0, d2)));
         block.add_to(&mut sum, -0.5);
         let expected: f64 = dist2.iter().take(50).map(|d2| (-0.5 * d2).exp()).sum();
         assert!((sum - 1.0 - expected).abs() < 1e-12 && !block.add(0, 1.0));
