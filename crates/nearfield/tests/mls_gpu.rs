@@ -247,7 +247,7 @@ fn every_support_is_that_of_the_cpu(gpu: &Gpu) {
         smoothing_agrees(gpu, &format!("{name} of points"), &Support::OfPoints(&own), &settings);
         smoothing_agrees(gpu, &format!("{name} of queries"), &Support::OfQueries(&own), &settings);
     }
-    let (cloud, settings) = (cloud(), MlsSettings::new(MlsMethod::BILATERAL));
+    let cloud = cloud();
     for method in [MlsMethod::Jet, MlsMethod::BILATERAL] {
         let (settings, support) = (MlsSettings::new(method), Support::Nearest(24));
         let (here, _) = smoothed_here("", &cloud, &support, &settings);
@@ -258,11 +258,14 @@ fn every_support_is_that_of_the_cpu(gpu: &Gpu) {
     }
     let queries: Vec<Vec3> = cloud.points.iter().step_by(3).copied().collect();
     let support = Support::Nearest(30);
-    let one_step = MlsSettings { most_steps: 1, ..settings };
-    let here = projected_here(&cloud, &queries, &support, &one_step);
     let grid = GpuUniformGrid::build(gpu, &cloud.points, &GridSettings::for_radius(RADIUS)).unwrap();
-    let there = projected_there(&grid, &cloud, &queries, &support, &one_step);
-    check("projection by the nearest", &here, &there, cloud.diagonal);
+    // The nearest are found again where a step has led.
+    for (method, steps) in [(MlsMethod::BILATERAL, 1), (MlsMethod::Jet, 1), (MlsMethod::Jet, 4)] {
+        let settings = MlsSettings { most_steps: steps, ..MlsSettings::new(method) };
+        let here = projected_here(&cloud, &queries, &support, &settings);
+        let there = projected_there(&grid, &cloud, &queries, &support, &settings);
+        check(&format!("projection by the nearest, {steps} steps"), &here, &there, cloud.diagonal);
+    }
 }
 
 fn points_without_surfaces_are_flagged(gpu: &Gpu) {

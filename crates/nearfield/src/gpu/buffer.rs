@@ -1,6 +1,7 @@
 //! Typed, named device buffers.
 
 use std::marker::PhantomData;
+use std::num::NonZeroU64;
 use std::sync::{Arc, OnceLock};
 
 use bytemuck::Pod;
@@ -16,6 +17,8 @@ const WORD: usize = 4;
 const PART_BYTES: usize = 256 << 20;
 /// Bytes that one thread copies from staging memory at a time.
 const COPY_BYTES: usize = 1 << 20;
+/// Copies of that size that are worth handing out to threads.
+const SHARED_COPIES: usize = 4;
 /// Usages of staging memory.
 const STAGING: BufferUsages = BufferUsages::MAP_READ.union(BufferUsages::COPY_DST);
 /// Where staging memory is short, parts get no smaller than this.
@@ -236,13 +239,29 @@ impl Gpu {
         let mut last = [0; WORD];
         last[..rest.len()].copy_from_slice(rest);
         self.checked(buffer.label(), bytes.len() as u64, || {
-            if !words.is_empty() {
-                self.queue().write_buffer(buffer.raw(), offset, words);
-            }
+            self.write_words(buffer.raw(), offset, words);
             if !rest.is_empty() {
                 self.queue().write_buffer(buffer.raw(), offset + words.len() as u64, &last);
             }
         })
+    }
+
+    /// Copies whole words, much by all threads: the first touch of staging memory costs more than the copy. What the driver has against
+    /// it goes to the error scope.
+    fn write_words(&self, buffer: &wgpu::Buffer, offset: u64, words: &[u8]) {
+        let Some(size) = NonZeroU64::new(words.len() as u64) else { return };
+        if words.len() < SHARED_COPIES * COPY_BYTES {
+            return self.queue().write_buffer(buffer, offset, words);
+        }
+        let Some(mut view) = self.queue().write_buffer_with(buffer, offset, size) else { return };
+        let (chunks, mut rest) = view.slice(..).into_chunks::<COPY_BYTES>();
+        let (whole, left) = words.split_at(words.len() - rest.len());
+        let chunks: Vec<wgpu::WriteOnly<'_, [u8; COPY_BYTES]>> = chunks.into_iter().collect();
+        chunks.into_par_iter().zip(whole.par_chunks(COPY_BYTES)).for_each(|(to, from)| {
+            let mut to: wgpu::WriteOnly<'_, [u8]> = to.into();
+            to.copy_from_slice(from);
+        });
+        rest.copy_from_slice(left);
     }
 
     /// Reads the whole buffer back, after everything submitted before.

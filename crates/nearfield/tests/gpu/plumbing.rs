@@ -23,6 +23,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("a_device_of_few_workgroups_folds_every_dispatch", a_device_of_few_workgroups_folds_every_dispatch),
         gpu_trial("more_than_65535_workgroups_fold", more_than_65535_workgroups_fold),
         gpu_trial("buffers_of_any_length_come_back", buffers_of_any_length_come_back),
+        gpu_trial("much_is_written_whole", much_is_written_whole),
         gpu_trial("parts_of_words_are_read_but_not_written", parts_of_words_are_read_but_not_written),
         gpu_trial("sizes_that_do_not_fit_are_refused", sizes_that_do_not_fit_are_refused),
         gpu_trial("pipelines_are_compiled_once", pipelines_are_compiled_once),
@@ -151,6 +152,19 @@ fn buffers_of_any_length_come_back(gpu: &Gpu) {
     let points: Vec<[f32; 3]> = (0..1001).map(|i| [i as f32, -0.5, f32::NAN]).collect();
     let read = gpu.read(&gpu.upload("points", &points).unwrap()).unwrap();
     assert!(read.iter().flatten().map(|v| v.to_bits()).eq(points.iter().flatten().map(|v| v.to_bits())));
+}
+
+fn much_is_written_whole(gpu: &Gpu) {
+    // Copied by many threads, in pieces of 1 MiB: lengths around those, and bytes beyond whole words.
+    for bytes in [(4 << 20) - 1, 4 << 20, (5 << 20) + 7] {
+        let data: Vec<u8> = (0..bytes as u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let buffer = gpu.upload("bytes", &data).unwrap();
+        assert!(gpu.read(&buffer).unwrap() == data, "{bytes} bytes");
+        let behind = gpu.upload("bytes", &vec![9u8; bytes + 8]).unwrap();
+        gpu.write(&behind, 8, &data).unwrap();
+        let read = gpu.read(&behind).unwrap();
+        assert!(read[..8] == [9; 8] && read[8..] == data, "{bytes} bytes behind others");
+    }
 }
 
 fn parts_of_words_are_read_but_not_written(gpu: &Gpu) {

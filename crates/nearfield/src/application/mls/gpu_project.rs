@@ -18,11 +18,14 @@ use crate::structure::{AabbTreeN, AabbTreeNSettings, GpuStructure};
 
 /// [`super::MlsProjection`] on a device, in f32. Positions agree with those of the CPU but for rounding.
 ///
-/// The points of the structure are read back once, for the spacing that the accuracy is measured in.
+/// The points of the structure are read back once, for the spacing that the accuracy is measured in. With [`Support::Nearest`] the queries are
+/// read back for each step, and the distances of their k-th nearest are found on the CPU.
 pub struct GpuMlsProjection<'a, S> {
     structure: &'a S,
     fits: DeviceFits,
     support: DeviceSupport,
+    /// What the k nearest are found by, and k.
+    nearest: Option<(AabbTreeN<f32, 3>, u32)>,
     /// Radius that the bilateral weight falls over; 0 for that of the search.
     falloff: f32,
     accuracy: f32,
@@ -35,8 +38,7 @@ pub struct GpuMlsProjection<'a, S> {
 impl<'a, S: GpuStructure> GpuMlsProjection<'a, S> {
     /// Onto the points of `structure`.
     ///
-    /// Normals, queries and supports are as for [`super::MlsProjection::new`], but that the distances of [`Support::Nearest`] are found
-    /// once, on the CPU, where the queries begin.
+    /// Normals, queries and supports are as for [`super::MlsProjection::new`].
     ///
     /// # Errors
     /// As [`super::MlsProjection::new`]; `OutOfDeviceMemory`, `DeviceLost`, `KernelRejected`.
@@ -55,7 +57,6 @@ impl<'a, S: GpuStructure> GpuMlsProjection<'a, S> {
         let points: Vec<[f32; 3]> = gpu.read(structure.points())?.iter().map(|p| [p[0], p[1], p[2]]).collect();
         let tree = AabbTreeN::build(&points, &AabbTreeNSettings::default())?;
         let center = Vec3::from_array(cpu::center(&tree));
-        let is_valid = |q: &Vec3| q.is_finite() && q.abs().max_element() <= MAX_COORDINATE;
         let place = |&at: &Vec3| {
             let (done, flags) = if is_valid(&at) { (0, 0) } else { (1, PointFlags::INVALID.0) };
             PointPlace { origin: at, done, at, flags, ..PointPlace::default() }
@@ -64,6 +65,7 @@ impl<'a, S: GpuStructure> GpuMlsProjection<'a, S> {
         // Queries that are no place are searched for at one that is, and never moved.
         let searched: Vec<Vec3> = queries.iter().map(|&q| if is_valid(&q) { q } else { center }).collect();
         let on_device = structure.upload_queries(&searched)?;
+        let k = if let KeptSupport::Nearest(k) = kept { Some(k) } else { None };
         let (kept, falloff) = match kept {
             KeptSupport::Nearest(k) => nearest(&tree, &searched, k, settings),
             other => (other, 0.0),
@@ -74,6 +76,7 @@ impl<'a, S: GpuStructure> GpuMlsProjection<'a, S> {
             support: DeviceSupport::of(gpu, &kept)?,
             falloff,
             accuracy: accuracy(&settings.accuracy, &tree)? as f32,
+            nearest: k.map(|k| (tree, k)),
             center,
             oriented: normals.is_some(),
             moving: places.iter().filter(|place| place.done == 0).count() as u64,
@@ -90,6 +93,7 @@ impl<'a, S: GpuStructure> GpuMlsProjection<'a, S> {
         let (start, mut stages) = (Instant::now(), Vec::new());
         if self.iterations > 0 {
             self.fits.send_to_points()?;
+            self.find_nearest()?;
         }
         self.iterations += 1;
         let searches = match &self.support {
@@ -105,6 +109,16 @@ impl<'a, S: GpuStructure> GpuMlsProjection<'a, S> {
         let sums = self.fits.conclude(ending, &mut stages)?;
         self.moving = sums.moving;
         Ok(sums.report(self.iterations, self.oriented, stages, start.elapsed().as_secs_f64() * 1e3))
+    }
+
+    /// The distances of the k-th nearest from where the queries are now.
+    fn find_nearest(&mut self) -> Result<()> {
+        let Some((tree, k)) = &self.nearest else { return Ok(()) };
+        let at = |place: &PointPlace| if is_valid(&place.at) { place.at } else { self.center };
+        let queries: Vec<Vec3> = self.fits.read()?.iter().map(at).collect();
+        let (kept, falloff) = nearest(tree, &queries, *k, self.fits.settings());
+        (self.support, self.falloff) = (DeviceSupport::of(self.structure.gpu(), &kept)?, falloff);
+        Ok(())
     }
 
     /// Whether every point has arrived, could not be projected, or has taken all its steps.
@@ -132,6 +146,10 @@ impl<'a, S: GpuStructure> GpuMlsProjection<'a, S> {
     pub fn points(&self) -> Result<MlsPoints> {
         Ok(MlsPoints::of(&self.fits.read()?, &self.fits.settings().method))
     }
+}
+
+fn is_valid(query: &Vec3) -> bool {
+    query.is_finite() && query.abs().max_element() <= MAX_COORDINATE
 }
 
 /// The distances of the k-th nearest of all queries, and the radius that the bilateral weight falls over.
