@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use nearfield::application::{Length, Snap, WlopSettings, WlopStart, WlopVariant, noise_check};
+use nearfield::application::{Length, Snap, WlopSettings, WlopStart, WlopVariant};
 use nearfield::gpu::DeviceChoice;
 use nearfield::io::{Format, WriteOptions, write_atomically, write_cloud};
 use nearfield::{AabbTreeN, AabbTreeNSettings, GpuWlop, PointCloud, Vec3, Wlop};
@@ -18,7 +18,7 @@ use crate::picture::Up;
 use crate::progress::Progress;
 use crate::report::{Times, grouped, milliseconds};
 use crate::resample_report::Told;
-use crate::resample_work::{Done, noise_note, output_cloud, resample};
+use crate::resample_work::{Done, output_cloud, resample, watched};
 use crate::smooth_picture::{self, Smoothed};
 
 const EXAMPLES: &str = "Examples:
@@ -153,25 +153,25 @@ pub(crate) fn run(args: &ResampleArgs, common: &Common) -> Result<(), Failure> {
 
     let clock = Instant::now();
     let start = WlopStart::Random { count: args.count as usize, seed: args.seed };
+    let words = "choosing the first samples";
     let on_gpu = |gpu: &nearfield::Gpu| {
-        let wlop = GpuWlop::new(gpu, &cloud.points, &start, &settings)?;
-        Ok((gpu.name().to_owned(), resample(wlop.radius(), wlop, &settings, common)?))
+        let wlop = watched(common, words, |watch| GpuWlop::new(gpu, &cloud.points, &start, &settings, watch))?;
+        Ok((gpu.name().to_owned(), resample(&tree, wlop.radius(), wlop, &settings, common)?))
     };
     let on_cpu = || {
-        let wlop = Wlop::new(&tree, &start, &settings)?;
-        resample(wlop.radius(), wlop, &settings, common)
+        let wlop = watched(common, words, |watch| Wlop::new(&tree, &start, &settings, watch))?;
+        resample(&tree, wlop.radius(), wlop, &settings, common)
     };
     let (device, mut done) = match fallback::on_gpu(&args.device, &mut notes, on_gpu).map_err(wrong_question)? {
         Some(found) => found,
         None => ("cpu".to_owned(), on_cpu().map_err(wrong_question)?),
     };
-    let noise = noise_check(&tree, settings.variant, done.radius).map_err(Failure::Search)?;
-    notes.extend(noise.and_then(|noise| noise_note(&noise, &settings, done.radius)));
+    notes.append(&mut done.notes);
     let unattracted = done.samples.unattracted();
     if args.drop_unattracted {
         done.samples.keep_attracted();
     }
-    let snapped = args.snapped(&tree, &cloud, &settings, &mut done)?;
+    let snapped = args.snapped((&tree, &cloud), &settings, &mut done, &mut notes, common)?;
     times.query = milliseconds(clock);
 
     let clock = Instant::now();
@@ -186,7 +186,7 @@ pub(crate) fn run(args: &ResampleArgs, common: &Common) -> Result<(), Failure> {
         done: &done,
         unattracted,
         snapped,
-        noise,
+        noise: done.noise,
         device,
         times,
         notes,
@@ -201,10 +201,11 @@ pub(crate) fn run(args: &ResampleArgs, common: &Common) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What cannot be asked of these points is the question's fault.
+/// What cannot be asked of these points is the question's fault; who ends the work before the iterations gets nothing.
 fn wrong_question(error: nearfield::Error) -> Failure {
     match error {
         nearfield::Error::InvalidSetting { .. } => Failure::Usage(error.to_string()),
+        nearfield::Error::Interrupted { .. } => Failure::Interrupted(format!("{error}; nothing was written")),
         other => Failure::Search(other),
     }
 }
@@ -274,13 +275,14 @@ impl ResampleArgs {
         Ok(cloud)
     }
 
-    /// Snaps the samples where that is asked for; the mean length of their moves.
+    /// Snaps the samples where that is asked for, unless the user wants to end; the mean length of their moves.
     fn snapped(
         &self,
-        tree: &AabbTreeN<f32, 3>,
-        cloud: &PointCloud,
+        (tree, cloud): (&AabbTreeN<f32, 3>, &PointCloud),
         settings: &WlopSettings,
         done: &mut Done,
+        notes: &mut Vec<String>,
+        common: &Common,
     ) -> Result<Option<f64>, Failure> {
         let Some(to) = self.snap else { return Ok(None) };
         let normals: Vec<[f32; 3]> = match &cloud.normals {
@@ -292,7 +294,15 @@ impl ResampleArgs {
             SnapTo::Nearest => Snap::Nearest,
             SnapTo::Apss => Snap::Apss { normals: &normals, radius },
         };
-        done.samples.snap(tree, snap).map(Some).map_err(Failure::Search)
+        match watched(common, "snapping", |watch| done.samples.snap(tree, snap, watch)) {
+            Ok(moved) => Ok(Some(moved)),
+            Err(nearfield::Error::Interrupted { .. }) => {
+                done.interrupted = true;
+                notes.push("interrupted before the samples were snapped".to_owned());
+                Ok(None)
+            }
+            Err(error) => Err(Failure::Search(error)),
+        }
     }
 
     /// Draws points and samples where that is asked for; the time of it.

@@ -1,12 +1,15 @@
 //! What `nearfield resample` does on either device: iterations until the samples rest or the user wants to end.
 
-use nearfield::application::{NoiseCheck, WlopReport, WlopSamples, WlopSettings};
+use std::io::IsTerminal;
+use std::ops::ControlFlow;
+
+use nearfield::application::{self, NoiseCheck, Watch, WlopReport, WlopSamples, WlopSettings, noise_check};
 use nearfield::geometry::{Attribute, Column};
-use nearfield::{GpuWlop, PointCloud, Vec3, Wlop};
+use nearfield::{AabbTreeN, GpuWlop, PointCloud, Vec3, Wlop};
 
 use crate::interrupt;
 use crate::options::Common;
-use crate::progress::CountBar;
+use crate::progress::{CountBar, Progress};
 
 /// What moves samples, wherever it runs.
 pub(crate) trait Resampler {
@@ -51,18 +54,44 @@ pub(crate) struct Done {
     pub(crate) samples: WlopSamples<f32>,
     pub(crate) reports: Vec<WlopReport>,
     pub(crate) radius: f32,
+    pub(crate) noise: Option<NoiseCheck>,
+    pub(crate) notes: Vec<String>,
     pub(crate) interrupted: bool,
 }
 
-/// Iterates until all is done or the user wants to end.
+/// Runs `work` with a watch that shows how far it is and ends it where the user wants that.
+pub(crate) fn watched<T>(
+    common: &Common,
+    words: &str,
+    work: impl FnOnce(&mut Watch<'_>) -> nearfield::Result<T>,
+) -> nearfield::Result<T> {
+    interrupt::watch();
+    let progress = Progress::start(common, words);
+    let mut tell = |at: application::Progress| {
+        let percent = (100 * at.done).checked_div(at.total).unwrap_or(100);
+        progress.step(format!("{}, {percent} %", at.stage));
+        if interrupt::asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    work(&mut Watch::new(&mut tell))
+}
+
+/// Compares the radius with the noise of the points, then iterates until all is done or the user wants to end.
+///
+/// - `tree`: over the points
 pub(crate) fn resample(
+    tree: &AabbTreeN<f32, 3>,
     radius: f32,
     mut wlop: impl Resampler,
     settings: &WlopSettings,
     common: &Common,
 ) -> nearfield::Result<Done> {
     interrupt::watch();
+    let (noise, note) = noise_of(tree, settings, radius);
     let bar = CountBar::start(common, settings.iterations.into(), "iterations");
+    if !common.quiet && std::io::stderr().is_terminal() {
+        // Before the work, for who would rather ask for another radius; the report repeats it.
+        bar.note(note.clone());
+    }
     let mut reports: Vec<WlopReport> = Vec::new();
     while !wlop.is_done() && !interrupt::asked() {
         reports.extend(wlop.iterate_some()?);
@@ -70,11 +99,19 @@ pub(crate) fn resample(
         bar.show(reports.len() as u64, &format!("mean move {moved:.3e}"));
     }
     let interrupted = !wlop.is_done();
-    Ok(Done { samples: wlop.samples()?, reports, radius, interrupted })
+    Ok(Done { samples: wlop.samples()?, reports, radius, noise, notes: note.into_iter().collect(), interrupted })
+}
+
+/// The noise of the points, and what is to be said of it. No failure of the estimate is worth the samples.
+fn noise_of(tree: &AabbTreeN<f32, 3>, settings: &WlopSettings, radius: f32) -> (Option<NoiseCheck>, Option<String>) {
+    match noise_check(tree, settings.variant, radius) {
+        Ok(noise) => (noise, noise.and_then(|noise| noise_note(&noise, settings, radius))),
+        Err(error) => (None, Some(format!("the noise of the points could not be estimated: {error}"))),
+    }
 }
 
 /// What is to be said of a radius that is small for the noise.
-pub(crate) fn noise_note(noise: &NoiseCheck, settings: &WlopSettings, radius: f32) -> Option<String> {
+fn noise_note(noise: &NoiseCheck, settings: &WlopSettings, radius: f32) -> Option<String> {
     let least = noise.least_radius(settings.variant);
     let note = format!(
         "the radius {radius} is small for noise of some {:.3}: samples may follow it; --radius {least:.3} or more holds five \

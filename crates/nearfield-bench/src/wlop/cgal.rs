@@ -14,6 +14,7 @@ use nearfield::geometry::generate::{CloudKind, add_noise, cloud};
 use nearfield::geometry::vector;
 use nearfield::{AabbTreeN, AabbTreeNSettings};
 
+use super::farthest;
 use crate::Result;
 
 const SEED: u64 = 20_261_129;
@@ -69,18 +70,19 @@ pub(super) fn compare(program: &Path) -> Result<()> {
                 ..WlopSettings::new(WlopVariant::Cgal).iterations(iterations)
             };
             let start = Instant::now();
-            let mut wlop = Wlop::new(&tree, &WlopStart::Positions(&peer.first), &settings)?;
+            let first = WlopStart::Positions(&peer.first);
+            let mut wlop = Wlop::new(&tree, &first, &settings, &mut Watch::none())?;
             // The default radius is CGAL's but for rounding, which is not what is compared.
             let radius = wlop.radius();
             if !((radius - peer.usual).abs() <= 1e-12 * radius) {
                 return Err(format!("the default radius is {radius}, CGAL's {}", peer.usual).into());
             }
-            wlop =
-                Wlop::new(&tree, &WlopStart::Positions(&peer.first), &settings.radius(Length::Absolute(peer.usual)))?;
+            let settings = settings.radius(Length::Absolute(peer.usual));
+            wlop = Wlop::new(&tree, &first, &settings, &mut Watch::none())?;
             wlop.run(&mut Watch::none())?;
             let own_ms = start.elapsed().as_secs_f64() * 1e3;
             let far = |(a, b): (&[f64; 3], &[f64; 3])| vector::norm(vector::subtract(*a, *b)) / size;
-            let farthest = wlop.positions().iter().zip(&peer.last).map(far).fold(0.0, f64::max);
+            let farthest = farthest(wlop.positions(), &peer.last)? / size;
             let moved = peer.first.iter().zip(&peer.last).map(far).sum::<f64>() / peer.first.len() as f64;
             if !(moved > 1e-4) {
                 return Err(format!("CGAL moved its samples by {moved} of the diagonal: nothing is compared").into());

@@ -10,7 +10,7 @@ use nearfield::io::read_cloud;
 use nearfield::query::NearestFew;
 use nearfield::{AabbTreeN, AabbTreeNSettings, Gpu, GpuWlop, Vec3};
 
-use super::Arguments;
+use super::{Arguments, farthest};
 use crate::Result;
 use crate::provenance::{Device, Machine};
 
@@ -114,7 +114,7 @@ fn start(count: usize) -> WlopStart<'static, f32> {
 fn on_cpu(points: &[[f32; 3]], count: usize, settings: &WlopSettings) -> Result<(f32, Run)> {
     let clock = Instant::now();
     let tree = AabbTreeN::build(points, &AabbTreeNSettings::default())?;
-    let mut wlop = Wlop::new(&tree, &start(count), settings)?;
+    let mut wlop = Wlop::new(&tree, &start(count), settings, &mut Watch::none())?;
     let reports = wlop.run(&mut Watch::none())?;
     let samples = wlop.samples();
     Ok((wlop.radius(), Run { samples, reports, milliseconds: clock.elapsed().as_secs_f64() * 1e3 }))
@@ -122,10 +122,10 @@ fn on_cpu(points: &[[f32; 3]], count: usize, settings: &WlopSettings) -> Result<
 
 /// After a short run that compiles the kernels.
 fn on_gpu(gpu: &Gpu, points: &[Vec3], count: usize, settings: &WlopSettings) -> Result<(f32, Run)> {
-    let mut once = GpuWlop::new(gpu, points, &start(count), &settings.iterations(2))?;
+    let mut once = GpuWlop::new(gpu, points, &start(count), &settings.iterations(2), &mut Watch::none())?;
     once.run(&mut Watch::none())?;
     let clock = Instant::now();
-    let mut wlop = GpuWlop::new(gpu, points, &start(count), settings)?;
+    let mut wlop = GpuWlop::new(gpu, points, &start(count), settings, &mut Watch::none())?;
     let reports = wlop.run(&mut Watch::none())?;
     let samples = wlop.samples()?;
     Ok((wlop.radius(), Run { samples, reports, milliseconds: clock.elapsed().as_secs_f64() * 1e3 }))
@@ -139,15 +139,13 @@ fn check_first_iteration(
     size: f64,
 ) -> Result<()> {
     let tree = AabbTreeN::build(arrays, &AabbTreeNSettings::default())?;
-    let mut here = Wlop::new(&tree, &start(count), settings)?;
-    let mut there = GpuWlop::new(gpu, points, &start(count), settings)?;
+    let mut here = Wlop::new(&tree, &start(count), settings, &mut Watch::none())?;
+    let mut there = GpuWlop::new(gpu, points, &start(count), settings, &mut Watch::none())?;
     here.iterate()?;
     there.iterate()?;
-    let far = |(a, b): (&[f32; 3], &[f32; 3])| Vec3::from_array(*a).distance(Vec3::from_array(*b));
-    let found = there.samples()?;
-    let farthest = here.positions().iter().zip(&found.positions).map(far).fold(0.0, f32::max);
-    if f64::from(farthest) <= 1e-5 * size {
-        return Ok(());
+    let farthest = farthest(here.positions(), &there.samples()?.positions)?;
+    if !(farthest <= 1e-5 * size) {
+        return Err(format!("{}: samples on the device are {farthest} from those on the CPU", settings.variant).into());
     }
-    Err(format!("{}: samples on the device are {farthest} from those on the CPU", settings.variant).into())
+    Ok(())
 }

@@ -27,12 +27,12 @@ fn with_torus(name: &str) -> Folder {
 fn a_noisy_torus_is_resampled() {
     let folder = with_torus("resample-torus");
     let told = folder
-        .ok("resample torus.ply --count 500 --radius 0.4 --iterations 12 --device cpu -o out.ply --picture out.png");
+        .ok("resample torus.ply --count 1000 --radius 0.5 --iterations 12 --device cpu -o out.ply --picture out.png");
     for line in [
         "iteration",
         "mean move",
         "points      8,000",
-        "samples     500",
+        "samples     1,000",
         "variant     best (within ",
         "noise       some 0.00",
         "device      cpu",
@@ -40,7 +40,7 @@ fn a_noisy_torus_is_resampled() {
         assert!(told.contains(line), "{line} in {told}");
     }
     assert_eq!(told.lines().filter(|line| line.trim_start().starts_with(char::is_numeric)).count(), 12, "{told}");
-    assert_eq!(read_cloud(&folder.path("out.ply"), None).unwrap().points.len(), 500);
+    assert_eq!(read_cloud(&folder.path("out.ply"), None).unwrap().points.len(), 1000);
     assert!(error(&folder, "out.ply") < 0.6 * error(&folder, "torus.ply"));
     assert_eq!(png_size(&folder.path("out.png")), (1600, 900));
     folder.fails("resample torus.ply --count 500 -o out.ply", 73, "--force");

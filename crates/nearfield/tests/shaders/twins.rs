@@ -242,8 +242,8 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ("MlsFit", layout_of!(FitState { goal, said, normal, curvature, mean_distance, reach, t, state })),
         ("MlsPlace", layout_of!(PointPlace { origin, done, at, flags, normal, curvature })),
         ("WlopPull", layout_of!(Pull { offset, weight, crowd, inputs, padding_0, padding_1 })),
-        ("WlopPart", layout_of!(RecordPart { moves, largest, inputs, samples, unattracted })),
-        ("WlopRecord", layout_of!(Record { moves, largest, inputs, samples, unattracted, is_made })),
+        ("WlopPart", layout_of!(RecordPart { moves, largest, inputs, samples, unattracted, lost, first_lost })),
+        ("WlopRecord", layout_of!(Record { moves, largest, inputs, samples, unattracted, is_made, lost, first_lost })),
         (
             "MlsSums",
             layout_of!(IterationSums {

@@ -19,6 +19,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         trial("samples_are_the_same_bytes_from_any_number_of_threads", threads_do_not_matter),
         trial("samples_scale_with_the_points", samples_scale),
         trial("starts_are_the_same_by_seed_indices_and_positions", starts_agree),
+        trial("duplicates_in_the_cloud_give_no_samples_at_one_place", duplicates_are_no_samples),
         trial("samples_on_outliers_are_flagged_and_dropped", outliers_are_flagged),
         trial("samples_rest_or_end_at_the_limit", samples_rest),
         trial("a_watch_can_end_it", a_watch_can_end_it),
@@ -36,7 +37,7 @@ fn threads_do_not_matter() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let settings = settings(WlopVariant::Best, 0.5).iterations(3);
-            let mut wlop = Wlop::new(&tree, &WlopStart::Positions(&samples), &settings).unwrap();
+            let mut wlop = Wlop::new(&tree, &WlopStart::Positions(&samples), &settings, &mut Watch::none()).unwrap();
             let reports = wlop.run(&mut Watch::none()).unwrap();
             (wlop.samples(), reports.iter().map(|r| (r.mean_move, r.mean_inputs)).collect::<Vec<_>>())
         })
@@ -52,8 +53,8 @@ fn samples_scale() {
     for variant in [WlopVariant::Paper, WlopVariant::Authors, WlopVariant::Best] {
         let settings = WlopSettings::new(variant).iterations(3);
         let (small_tree, large_tree) = (tree(&points), tree(&large));
-        let mut small = Wlop::new(&small_tree, &start, &settings).unwrap();
-        let mut scaled = Wlop::new(&large_tree, &start, &settings).unwrap();
+        let mut small = Wlop::new(&small_tree, &start, &settings, &mut Watch::none()).unwrap();
+        let mut scaled = Wlop::new(&large_tree, &start, &settings, &mut Watch::none()).unwrap();
         assert_eq!(small.radius() * 1024.0, scaled.radius());
         (0..3).for_each(|_| drop((small.iterate().unwrap(), scaled.iterate().unwrap())));
         // A power of two changes no digit.
@@ -64,7 +65,7 @@ fn samples_scale() {
     let tree = tree(&points);
     let indices = random_subset(points.len(), 200, 3).unwrap();
     let chosen: Vec<[f64; 3]> = indices.iter().map(|&i| points[i as usize]).collect();
-    let of = |settings: WlopSettings| Wlop::new(&tree, &start, &settings).unwrap().radius();
+    let of = |settings: WlopSettings| Wlop::new(&tree, &start, &settings, &mut Watch::none()).unwrap().radius();
     let spacing = spacing(&crate::tree(&chosen)).unwrap();
     assert_eq!(of(WlopSettings::default()), 12.0 * spacing);
     assert_eq!(of(WlopSettings::new(WlopVariant::Authors)), 6.0 * spacing);
@@ -80,7 +81,7 @@ fn starts_agree() {
     let indices = random_subset(1000, 100, 9).unwrap();
     let positions: Vec<[f64; 3]> = indices.iter().map(|&i| points[i as usize]).collect();
     let run = |start: WlopStart<'_, f64>| {
-        let mut wlop = Wlop::new(&tree, &start, &settings(WlopVariant::Best, 0.6)).unwrap();
+        let mut wlop = Wlop::new(&tree, &start, &settings(WlopVariant::Best, 0.6), &mut Watch::none()).unwrap();
         assert_eq!(wlop.positions(), positions, "{start:?}");
         assert!(wlop.samples().flags.iter().all(|flags| flags.is_empty()));
         wlop.iterate().unwrap();
@@ -92,6 +93,25 @@ fn starts_agree() {
     assert_eq!(points, before);
 }
 
+fn duplicates_are_no_samples() {
+    let once = torus(400, 0.003).points;
+    let points: Vec<[f64; 3]> = (0..2000).map(|i| once[i % 400]).collect();
+    let tree = tree(&points);
+    let start = WlopStart::Random { count: 300, seed: 5 };
+    let are_apart = |all: &[[f64; 3]]| all.iter().enumerate().all(|(i, a)| !all[..i].contains(a));
+    for variant in WlopVariant::ALL {
+        let settings = settings(variant, 0.5).iterations(5);
+        let mut wlop = Wlop::new(&tree, &start, &settings, &mut Watch::none()).unwrap();
+        assert!(wlop.positions().len() == 300 && are_apart(wlop.positions()));
+        wlop.run(&mut Watch::none()).unwrap();
+        assert!(are_apart(wlop.positions()), "{variant}");
+    }
+    // Where there are fewer places than samples, all are taken.
+    let more = WlopStart::Random { count: 450, seed: 5 };
+    let wlop = Wlop::new(&tree, &more, &settings(WlopVariant::Best, 0.5), &mut Watch::none()).unwrap();
+    assert!(wlop.positions().len() == 450 && once.iter().all(|p| wlop.positions().contains(p)));
+}
+
 fn outliers_are_flagged() {
     let mut points = torus(5000, 0.003).points;
     points.extend([[3.0, 3.0, 3.0], [-3.0, 3.0, 3.0], [-3.3, 3.0, 3.0]]);
@@ -101,7 +121,7 @@ fn outliers_are_flagged() {
     for variant in WlopVariant::ALL {
         let settings = settings(variant, if variant == WlopVariant::Cgal { 0.25 } else { 0.4 }).iterations(5);
         let tree = tree(&points);
-        let mut wlop = Wlop::new(&tree, &WlopStart::Positions(&samples), &settings).unwrap();
+        let mut wlop = Wlop::new(&tree, &WlopStart::Positions(&samples), &settings, &mut Watch::none()).unwrap();
         let reports = wlop.run(&mut Watch::none()).unwrap();
         let mut found = wlop.samples();
         let both = PointFlags::NO_ATTRACTION.0 | PointFlags::FEW_NEIGHBORS.0;
@@ -118,7 +138,7 @@ fn outliers_are_flagged() {
         assert_eq!((found.unattracted(), found.keep_attracted(), found.positions.len()), (3, 3, 1000));
         // Nothing is flagged where nothing is asked for, but what nothing attracts.
         let lenient = WlopSettings { least_attraction: 0.0, ..settings };
-        let mut wlop = Wlop::new(&tree, &WlopStart::Positions(&samples), &lenient).unwrap();
+        let mut wlop = Wlop::new(&tree, &WlopStart::Positions(&samples), &lenient, &mut Watch::none()).unwrap();
         wlop.iterate().unwrap();
         assert_eq!(wlop.samples().unattracted() as u64, unattracted, "{variant}");
     }
@@ -129,7 +149,7 @@ fn samples_rest() {
     let tree = tree(&points);
     let start = WlopStart::Random { count: 600, seed: 2 };
     let settings = WlopSettings { tolerance: 0.05, ..settings(WlopVariant::Best, 0.5) };
-    let mut wlop = Wlop::new(&tree, &start, &settings).unwrap();
+    let mut wlop = Wlop::new(&tree, &start, &settings, &mut Watch::none()).unwrap();
     let spacing = spacing(&crate::tree(wlop.positions())).unwrap();
     let reports = wlop.run(&mut Watch::none()).unwrap();
     assert!(wlop.is_done() && (3..100).contains(&reports.len()), "{}", reports.len());
@@ -137,7 +157,7 @@ fn samples_rest() {
     assert!(rests(reports.last().unwrap().mean_move));
     assert!(reports[..reports.len() - 1].iter().all(|report| !rests(report.mean_move)));
     assert!(reports.iter().zip(1..).all(|(report, n)| report.iteration == n));
-    let mut short = Wlop::new(&tree, &start, &settings.iterations(2)).unwrap();
+    let mut short = Wlop::new(&tree, &start, &settings.iterations(2), &mut Watch::none()).unwrap();
     assert_eq!(short.run(&mut Watch::none()).unwrap().len(), 2);
 }
 
@@ -151,26 +171,35 @@ fn a_watch_can_end_it() {
         told.push((progress.done, progress.total));
         if progress.done < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     };
-    let mut wlop = Wlop::new(&tree, &start, &settings).unwrap();
+    let mut wlop = Wlop::new(&tree, &start, &settings, &mut Watch::none()).unwrap();
     let ended = wlop.run(&mut Watch::new(&mut tell));
     assert!(matches!(ended, Err(Error::Interrupted { stage: "resampling", done: 2, total: 9 })));
     assert_eq!(told, [(0, 9), (1, 9), (2, 9)]);
-    let mut two = Wlop::new(&tree, &start, &settings).unwrap();
+    let mut two = Wlop::new(&tree, &start, &settings, &mut Watch::none()).unwrap();
     (0..2).for_each(|_| drop(two.iterate().unwrap()));
     assert_eq!(wlop.positions(), two.positions());
     // It can go on.
     assert_eq!(wlop.run(&mut Watch::none()).unwrap().len(), 7);
+    // So can the weights of the points be ended, and a snap, which then leaves the samples as they were.
+    let mut end = |_: Progress| ControlFlow::Break(());
+    let made = Wlop::new(&tree, &start, &settings, &mut Watch::new(&mut end)).map(drop);
+    assert!(matches!(made, Err(Error::Interrupted { stage: "weights of points", done: 0, total: 1000 })), "{made:?}");
+    let before = wlop.samples();
+    let mut samples = before.clone();
+    let snapped = samples.snap(&tree, Snap::Nearest, &mut Watch::new(&mut end));
+    assert!(matches!(snapped, Err(Error::Interrupted { stage: "snapping", done: 0, total: 50 })), "{snapped:?}");
+    assert_eq!(samples, before);
 }
 
 fn snaps() {
     let surface = torus(8000, 0.002);
     let tree = tree(&surface.points);
     let settings = settings(WlopVariant::Best, 0.45).iterations(10);
-    let mut wlop = Wlop::new(&tree, &WlopStart::Random { count: 300, seed: 2 }, &settings).unwrap();
+    let mut wlop = Wlop::new(&tree, &WlopStart::Random { count: 300, seed: 2 }, &settings, &mut Watch::none()).unwrap();
     wlop.run(&mut Watch::none()).unwrap();
     let samples = wlop.samples();
     let mut nearest = samples.clone();
-    let mean = nearest.snap(&tree, Snap::Nearest).unwrap();
+    let mean = nearest.snap(&tree, Snap::Nearest, &mut Watch::none()).unwrap();
     let all: f64 = samples.positions.iter().zip(&nearest.positions).map(|(a, b)| distance(*a, *b)).sum();
     assert!((mean - all / 300.0).abs() < 1e-12 && mean > 1e-4);
     for (from, to) in samples.positions.iter().zip(&nearest.positions) {
@@ -179,10 +208,10 @@ fn snaps() {
     }
     let normals: Vec<[f64; 3]> = surface.points.iter().map(|&p| (surface.normal)(p)).collect();
     let mut projected = samples.clone();
-    projected.snap(&tree, Snap::Apss { normals: &normals, radius: 0.2 }).unwrap();
+    projected.snap(&tree, Snap::Apss { normals: &normals, radius: 0.2 }, &mut Watch::none()).unwrap();
     let [before, after] = [&samples, &projected].map(|samples| surface.error(&samples.positions).0);
     assert!(after < 0.6 * before && projected.flags.iter().all(|flags| flags.is_empty()), "{before}, {after}");
-    let missing = projected.snap(&tree, Snap::Apss { normals: &normals[1..], radius: 0.2 });
+    let missing = projected.snap(&tree, Snap::Apss { normals: &normals[1..], radius: 0.2 }, &mut Watch::none());
     assert!(matches!(missing, Err(Error::LengthMismatch { .. })));
 }
 
@@ -234,7 +263,7 @@ fn degenerate<T: Scalar>() {
             let settings = settings(variant, radius).iterations(3);
             let run = |points: &[[T; 3]], start: WlopStart<'_, T>| {
                 let tree = tree(points);
-                let mut wlop = Wlop::new(&tree, &start, &settings).unwrap();
+                let mut wlop = Wlop::new(&tree, &start, &settings, &mut Watch::none()).unwrap();
                 let reports = wlop.run(&mut Watch::none()).unwrap();
                 (wlop.samples(), reports)
             };
@@ -266,7 +295,9 @@ fn degenerate_points() {
 fn wrong_questions_are_errors() {
     let points = torus(300, 0.0).points;
     let tree = tree(&points);
-    let make = |start: WlopStart<'_, f64>, settings: WlopSettings| Wlop::new(&tree, &start, &settings).map(drop);
+    let make = |start: WlopStart<'_, f64>, settings: WlopSettings| {
+        Wlop::new(&tree, &start, &settings, &mut Watch::none()).map(drop)
+    };
     let random = WlopStart::Random { count: 30, seed: 1 };
     let refused = |made: nearfield::Result<()>, part: &str| match made {
         Err(error @ Error::InvalidSetting { .. }) => assert!(error.to_string().contains(part), "{error}"),
@@ -285,16 +316,20 @@ fn wrong_questions_are_errors() {
     refused(make(WlopStart::Indices(&[5, 5]), WlopSettings::default()), "more than one place");
     let alone = crate::tree(&points[..1]);
     let percent = WlopSettings::default().radius(Length::Percent(5.0));
-    refused(Wlop::new(&alone, &WlopStart::Indices(&[0]), &percent).map(drop), "more than one place");
+    refused(
+        Wlop::new(&alone, &WlopStart::Indices(&[0]), &percent, &mut Watch::none()).map(drop),
+        "more than one place",
+    );
     let invalid = WlopStart::Positions(&[[0.0, f64::NAN, 0.0]]);
     assert!(matches!(make(invalid, settings(WlopVariant::Best, 1.0)), Err(Error::NonFinite { .. })));
     // In f32 the square of 1e30 is no number.
     let rough: Vec<[f32; 3]> = points.iter().map(|p| p.map(|x| x as f32)).collect();
     let start = WlopStart::Random { count: 30, seed: 1 };
-    let wide = Wlop::new(&crate::tree(&rough), &start, &settings(WlopVariant::Best, 1e30)).map(drop);
+    let wide =
+        Wlop::new(&crate::tree(&rough), &start, &settings(WlopVariant::Best, 1e30), &mut Watch::none()).map(drop);
     refused(wide, "radius");
     // A sphere that is whole stays as many samples as were asked for.
     let ball = sphere(500, 0.0).points;
     let ball = crate::tree(&ball);
-    assert_eq!(Wlop::new(&ball, &random, &WlopSettings::default()).unwrap().positions().len(), 30);
+    assert_eq!(Wlop::new(&ball, &random, &WlopSettings::default(), &mut Watch::none()).unwrap().positions().len(), 30);
 }

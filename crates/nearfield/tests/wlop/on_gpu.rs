@@ -33,13 +33,13 @@ pub(crate) fn trials() -> Vec<Trial> {
     trials
 }
 
-/// A noisy torus with two far points, samples on one of them and in nothing.
+/// A noisy torus with two far points, samples on one of them, in nothing and at one place.
 fn cloud() -> (Vec<[f32; 3]>, Vec<[f32; 3]>, f32) {
     let surface = torus(5000, 0.003);
     let mut points: Vec<[f32; 3]> = surface.points.iter().map(|p| p.map(|x| x as f32)).collect();
     points.extend([[3.0; 3], [-3.0; 3]]);
     let mut samples: Vec<[f32; 3]> = points.iter().step_by(9).copied().collect();
-    samples.extend([[3.0; 3], [0.0, 0.0, 4.0]]);
+    samples.extend([[3.0; 3], [0.0, 0.0, 4.0], samples[5]]);
     (points, samples, surface.diagonal as f32)
 }
 
@@ -88,9 +88,9 @@ fn device_is_cpu(gpu: &Gpu, variant: WlopVariant, weigh_inputs: bool) {
     let settings = WlopSettings { weigh_inputs, ..settings(variant, 0.4).iterations(ITERATIONS) };
     let start = WlopStart::Positions(&samples);
     let tree = tree(&points);
-    let mut here = Wlop::new(&tree, &start, &settings).unwrap();
+    let mut here = Wlop::new(&tree, &start, &settings, &mut Watch::none()).unwrap();
     let reports = here.run(&mut Watch::none()).unwrap();
-    let mut there = GpuWlop::new(gpu, &vectors(&points), &start, &settings).unwrap();
+    let mut there = GpuWlop::new(gpu, &vectors(&points), &start, &settings, &mut Watch::none()).unwrap();
     assert_eq!(
         there.samples().unwrap(),
         WlopSamples { flags: vec![PointFlags::default(); samples.len()], positions: samples.clone() }
@@ -105,7 +105,7 @@ fn device_is_cpu(gpu: &Gpu, variant: WlopVariant, weigh_inputs: bool) {
     assert_eq!(found.unattracted(), 2);
     check_reports(&reports, &run);
     // One at a time is the same as some together.
-    let mut single = GpuWlop::new(gpu, &vectors(&points), &start, &settings).unwrap();
+    let mut single = GpuWlop::new(gpu, &vectors(&points), &start, &settings, &mut Watch::none()).unwrap();
     (0..ITERATIONS).for_each(|_| drop(single.iterate().unwrap()));
     assert!(single.is_done() && single.samples().unwrap() == found);
 }
@@ -115,14 +115,14 @@ fn samples_rest(gpu: &Gpu) {
     let start = WlopStart::Random { count: 600, seed: 2 };
     let settings = WlopSettings { tolerance: 0.05, ..settings(WlopVariant::Best, 0.5) };
     let tree = tree(&points);
-    let mut here = Wlop::new(&tree, &start, &settings).unwrap();
+    let mut here = Wlop::new(&tree, &start, &settings, &mut Watch::none()).unwrap();
     let reports = here.run(&mut Watch::none()).unwrap();
-    let mut there = GpuWlop::new(gpu, &vectors(&points), &start, &settings).unwrap();
+    let mut there = GpuWlop::new(gpu, &vectors(&points), &start, &settings, &mut Watch::none()).unwrap();
     let run = there.run(&mut Watch::none()).unwrap();
     assert!(there.is_done() && run.len() < 100);
     check_reports(&reports, &run);
     // What ran after the samples rested left them alone.
-    let mut single = GpuWlop::new(gpu, &vectors(&points), &start, &settings).unwrap();
+    let mut single = GpuWlop::new(gpu, &vectors(&points), &start, &settings, &mut Watch::none()).unwrap();
     (0..run.len()).for_each(|_| drop(single.iterate().unwrap()));
     assert!(single.is_done() && single.samples().unwrap() == there.samples().unwrap());
 }
@@ -130,8 +130,8 @@ fn samples_rest(gpu: &Gpu) {
 fn a_watch_can_end_it(gpu: &Gpu) {
     let (points, samples, _) = cloud();
     let start = WlopStart::Positions(&samples);
-    let mut wlop =
-        GpuWlop::new(gpu, &vectors(&points), &start, &settings(WlopVariant::Best, 0.4).iterations(30)).unwrap();
+    let settings = settings(WlopVariant::Best, 0.4).iterations(30);
+    let mut wlop = GpuWlop::new(gpu, &vectors(&points), &start, &settings, &mut Watch::none()).unwrap();
     let mut told = Vec::new();
     let mut tell = |progress: Progress| {
         told.push(progress.done);
@@ -141,6 +141,9 @@ fn a_watch_can_end_it(gpu: &Gpu) {
     assert!(matches!(ended, Err(Error::Interrupted { stage: "resampling", total: 30, .. })), "{ended:?}");
     assert_eq!(told, [0, 1]);
     assert!(!wlop.is_done() && wlop.samples().unwrap().positions != samples);
+    let mut end = |_: Progress| ControlFlow::Break(());
+    let made = GpuWlop::new(gpu, &vectors(&points), &start, &settings, &mut Watch::new(&mut end)).map(drop);
+    assert!(matches!(made, Err(Error::Interrupted { stage: "weights of points", done: 0, .. })), "{made:?}");
 }
 
 fn degenerate_points(gpu: &Gpu) {
@@ -149,7 +152,7 @@ fn degenerate_points(gpu: &Gpu) {
     for variant in WlopVariant::ALL {
         let settings = settings(variant, 0.5).iterations(3);
         let run = |points: &[Vec3], start: WlopStart<'_, f32>| {
-            let mut wlop = GpuWlop::new(gpu, points, &start, &settings).unwrap();
+            let mut wlop = GpuWlop::new(gpu, points, &start, &settings, &mut Watch::none()).unwrap();
             let reports = wlop.run(&mut Watch::none()).unwrap();
             (wlop.samples().unwrap(), reports)
         };
@@ -164,14 +167,18 @@ fn degenerate_points(gpu: &Gpu) {
         assert!(samples.positions.is_empty() && reports.is_empty());
         let (samples, _) = run(&[], random(0));
         assert!(samples.positions.is_empty());
+        let mut nobody = GpuWlop::new(gpu, &same, &random(0), &settings, &mut Watch::none()).unwrap();
+        let numbers = [(); 2].map(|()| nobody.iterate().unwrap().iteration);
+        assert_eq!(numbers, [1, 2], "{variant}");
     }
 }
 
 fn wrong_questions_are_errors(gpu: &Gpu) {
     let (points, ..) = cloud();
     let points = vectors(&points);
-    let make =
-        |start: WlopStart<'_, f32>, settings: WlopSettings| GpuWlop::new(gpu, &points, &start, &settings).map(drop);
+    let make = |start: WlopStart<'_, f32>, settings: WlopSettings| {
+        GpuWlop::new(gpu, &points, &start, &settings, &mut Watch::none()).map(drop)
+    };
     let random = WlopStart::Random { count: 30, seed: 1 };
     let beyond = WlopStart::Random { count: points.len() + 1, seed: 1 };
     for (start, settings) in [
@@ -186,13 +193,19 @@ fn wrong_questions_are_errors(gpu: &Gpu) {
         assert!(matches!(make(start, settings), Err(Error::InvalidSetting { .. })), "{start:?}, {settings:?}");
     }
     let nan = [Vec3::new(0.0, f32::NAN, 0.0)];
-    let made = GpuWlop::new(gpu, &nan, &WlopStart::Positions(&[[0.0; 3]]), &settings(WlopVariant::Best, 1.0));
+    let made = GpuWlop::new(
+        gpu,
+        &nan,
+        &WlopStart::Positions(&[[0.0; 3]]),
+        &settings(WlopVariant::Best, 1.0),
+        &mut Watch::none(),
+    );
     assert!(matches!(made.map(drop), Err(Error::NonFinite { .. })));
     // Radii in percent and of CGAL's spacing need a tree over the points on the host.
     for settings in [WlopSettings::new(WlopVariant::Cgal), WlopSettings::default().radius(Length::Percent(9.0))] {
-        let made = GpuWlop::new(gpu, &points, &random, &settings).unwrap();
+        let made = GpuWlop::new(gpu, &points, &random, &settings, &mut Watch::none()).unwrap();
         let arrays: Vec<[f32; 3]> = points.iter().map(Vec3::to_array).collect();
-        assert_eq!(made.radius(), Wlop::new(&tree(&arrays), &random, &settings).unwrap().radius());
+        assert_eq!(made.radius(), Wlop::new(&tree(&arrays), &random, &settings, &mut Watch::none()).unwrap().radius());
     }
 }
 
@@ -202,7 +215,7 @@ fn memory_may_run_out(gpu: &Gpu) {
     let start = WlopStart::Random { count: 40, seed: 2 };
     let settings = settings(WlopVariant::Best, 0.7).iterations(2);
     let work = || {
-        let mut wlop = GpuWlop::new(&gpu, &points, &start, &settings)?;
+        let mut wlop = GpuWlop::new(&gpu, &points, &start, &settings, &mut Watch::none())?;
         wlop.run(&mut Watch::none())?;
         wlop.samples()
     };

@@ -37,7 +37,7 @@ const TORUS_AREA: f64 = 0.4 * 4.0 * std::f64::consts::PI * std::f64::consts::PI;
 fn quality(settings: &WlopSettings) -> (f64, f64, f64) {
     let surface = torus(100_000, 0.005);
     let tree = tree(&surface.points);
-    let mut wlop = Wlop::new(&tree, &WlopStart::Random { count: 5000, seed: 1 }, settings).unwrap();
+    let mut wlop = Wlop::new(&tree, &WlopStart::Random { count: 5000, seed: 1 }, settings, &mut Watch::none()).unwrap();
     let reports = wlop.run(&mut Watch::none()).unwrap();
     let (rms, bias) = surface.error(wlop.positions());
     let (variation, ideal) = evenness(wlop.positions(), TORUS_AREA);

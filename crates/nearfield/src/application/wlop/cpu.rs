@@ -1,6 +1,7 @@
 //! Locally optimal projection on the CPU: samples side by side, in the order of their tree.
 
 use std::borrow::Cow;
+use std::ops::Range;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -20,6 +21,8 @@ use crate::structure::{AabbTreeN, AabbTreeNSettings};
 
 /// Samples of a task, and points of one.
 const TASK: usize = 32;
+/// Points after which a caller is told and may end it.
+const TOLD: usize = 1 << 13;
 
 /// Samples on their way onto the surface of a cloud.
 ///
@@ -31,7 +34,8 @@ const TASK: usize = 32;
 /// let noisy: Vec<[f32; 3]> = cloud(CloudKind::Shell, 4000, 1).points.iter().map(|p| p.to_array()).collect();
 /// let tree = AabbTreeN::build(&noisy, &AabbTreeNSettings::default())?;
 /// let settings = WlopSettings::new(WlopVariant::Best).iterations(20);
-/// let mut wlop = Wlop::new(&tree, &WlopStart::Random { count: 300, seed: 7 }, &settings)?;
+/// let start = WlopStart::Random { count: 300, seed: 7 };
+/// let mut wlop = Wlop::new(&tree, &start, &settings, &mut Watch::none())?;
 /// for report in wlop.run(&mut Watch::none())? {
 ///     println!("{}: moved by {} on average", report.iteration, report.mean_move);
 /// }
@@ -67,8 +71,14 @@ impl<'a, T: Scalar> Wlop<'a, T> {
     ///
     /// # Errors
     /// `InvalidSetting` for a setting, a radius that cannot be searched or that refers to samples or points without a spacing or a
-    /// size, more samples than points, and indices beyond them; `NonFinite`, `CoordinateBeyond`, `TooMany` for samples of the caller's.
-    pub fn new(tree: &'a AabbTreeN<T, 3>, start: &WlopStart<'_, T>, settings: &WlopSettings) -> Result<Self> {
+    /// size, more samples than points, and indices beyond them; `NonFinite`, `CoordinateBeyond`, `TooMany` for samples of the caller's;
+    /// `Interrupted` where the watch ends it.
+    pub fn new(
+        tree: &'a AabbTreeN<T, 3>,
+        start: &WlopStart<'_, T>,
+        settings: &WlopSettings,
+        watch: &mut Watch<'_>,
+    ) -> Result<Self> {
         settings.validate()?;
         let points = tree.ordered_points();
         let mut places = vec![0; points.len()];
@@ -82,8 +92,10 @@ impl<'a, T: Scalar> Wlop<'a, T> {
             false => start::radius(settings, || Ok(Cow::Borrowed(tree)), &samples)?,
         };
         let formula = Formula::new(settings.variant, settings.weigh_inputs, radius.to_f64());
-        let weigh = |density| densities(tree, &density, radius);
-        let input_weights = formula.inputs.filter(|_| !positions.is_empty()).map(weigh);
+        let input_weights = match formula.inputs.filter(|_| !positions.is_empty()) {
+            Some(density) => Some(input_weights(tree, &density, radius, watch)?),
+            None => None,
+        };
         Ok(Self {
             settings: *settings,
             formula,
@@ -105,7 +117,7 @@ impl<'a, T: Scalar> Wlop<'a, T> {
     /// `NonFinite`, `CoordinateBeyond` where a sample has left what can be searched; the samples are then as they were.
     pub fn iterate(&mut self) -> Result<WlopReport> {
         let start = Instant::now();
-        let weights = densities(&self.tree, &self.formula.samples, self.radius);
+        let weights = densities(&self.tree, &self.formula.samples, self.radius, 0..self.positions.len());
         let mut stages = vec![stage("sample weights", start)];
         let moves_start = Instant::now();
         let mover = Mover::new(self, &weights);
@@ -117,7 +129,7 @@ impl<'a, T: Scalar> Wlop<'a, T> {
         let mut moved = vec![[T::ZERO; 3]; outcomes.len()];
         let ids = self.tree.ordered_points().ids();
         ids.iter().zip(&outcomes).for_each(|(&id, outcome)| moved[id as usize] = outcome.position);
-        let mut sums = Sums::default();
+        let (mut sums, mut around) = (Sums::default(), vec![Around::default(); outcomes.len()]);
         for (&id, outcome) in ids.iter().zip(&outcomes) {
             let way = vector::norm(vector::subtract(outcome.position, self.positions[id as usize])).to_f64();
             sums.moves += way;
@@ -125,10 +137,10 @@ impl<'a, T: Scalar> Wlop<'a, T> {
             sums.inputs += f64::from(outcome.around.inputs);
             sums.samples += f64::from(outcome.around.samples);
             sums.unattracted += u64::from(!outcome.around.is_attracted);
-            self.around[id as usize] = outcome.around;
+            around[id as usize] = outcome.around;
         }
         self.tree.refit(&moved)?;
-        self.positions = moved;
+        (self.positions, self.around) = (moved, around);
         stages.push(stage("refit", refit_start));
         self.iterations += 1;
         let n = self.positions.len();
@@ -184,6 +196,7 @@ struct Mover<'a, T> {
     attraction: PairWeight<T>,
     repulsion: PairWeight<T>,
     reach: T,
+    /// Squared distances below which points and samples do not count.
     skips2: [T; 2],
     /// Squared distance below which a point is where the sample is.
     at_sample2: T,
@@ -200,7 +213,7 @@ impl<'a, T: Scalar> Mover<'a, T> {
             attraction: PairWeight::new(&attraction, power, wlop.radius),
             repulsion: PairWeight::new(&repulsion, repulsion.power, wlop.radius),
             reach: T::of(attraction.reach) * wlop.radius,
-            skips2: [T::of(attraction.skip2), T::of(repulsion.skip2)],
+            skips2: [attraction.skip2(), repulsion.skip2()],
             at_sample2: T::of(attraction.least_y) * wlop.radius * wlop.radius,
             mu: T::of(wlop.settings.mu),
         }
@@ -253,7 +266,8 @@ impl<'a, T: Scalar> Mover<'a, T> {
         (pull, sum, Around { crowd, inputs, ..Around::default() })
     }
 
-    /// The mean of (sample − other) over the other samples, by their weights, and how many there are.
+    /// The mean of (sample − other) over the other samples, by their weights, and how many there are. Those at the sample's place are
+    /// counted but push nowhere.
     fn push(&self, at: &Vector<T>, own: usize) -> (Vector<T>, u32) {
         let points = self.wlop.tree.ordered_points();
         let (mut push, mut sum, mut samples) = ([T::ZERO; 3], T::ZERO, 0);
@@ -281,8 +295,28 @@ impl<'a, T: Scalar> Mover<'a, T> {
     }
 }
 
-/// Weights of all points of a tree by how crowded they are, in its order.
-fn densities<T: Scalar>(tree: &AabbTreeN<T, 3>, density: &Density, radius: T) -> Vec<T> {
+/// v of all points of a tree, in its order.
+///
+/// # Errors
+/// `Interrupted` where the watch ends it.
+fn input_weights<T: Scalar>(
+    tree: &AabbTreeN<T, 3>,
+    density: &Density,
+    radius: T,
+    watch: &mut Watch<'_>,
+) -> Result<Vec<T>> {
+    let n = tree.len();
+    let mut weights = Vec::with_capacity(n);
+    for first in (0..n).step_by(TOLD) {
+        watch.report("weights of points", first as u64, n as u64)?;
+        weights.extend(densities(tree, density, radius, first..n.min(first + TOLD)));
+    }
+    watch.report("weights of points", n as u64, n as u64)?;
+    Ok(weights)
+}
+
+/// Weights of points at places of a tree by how crowded they are.
+fn densities<T: Scalar>(tree: &AabbTreeN<T, 3>, density: &Density, radius: T, places: Range<usize>) -> Vec<T> {
     let points = tree.ordered_points();
     let (reach, skip2) = (T::of(density.reach) * radius, T::of(density.skip2));
     let falloff = T::of(-density.falloff) / (radius * radius);
@@ -296,7 +330,7 @@ fn densities<T: Scalar>(tree: &AabbTreeN<T, 3>, density: &Density, radius: T) ->
         block.add_to(&mut sum, falloff);
         density.result.of(sum)
     };
-    (0..points.len()).into_par_iter().with_min_len(TASK).map(weight).collect()
+    places.into_par_iter().with_min_len(TASK).map(weight).collect()
 }
 
 /// The time since `start` as a stage by the host's clock.

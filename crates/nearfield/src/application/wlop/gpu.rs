@@ -75,7 +75,13 @@ impl GpuWlop {
     /// # Errors
     /// As [`super::Wlop::new`]; `CoordinateTooLarge`, `InvalidRadius`, `OutOfDeviceMemory`, `DeviceLost`, `KernelRejected`; `Unsupported`
     /// where the device would end the loops of a search.
-    pub fn new(gpu: &Gpu, points: &[Vec3], start: &WlopStart<'_, f32>, settings: &WlopSettings) -> Result<Self> {
+    pub fn new(
+        gpu: &Gpu,
+        points: &[Vec3],
+        start: &WlopStart<'_, f32>,
+        settings: &WlopSettings,
+        watch: &mut Watch<'_>,
+    ) -> Result<Self> {
         settings.validate()?;
         let positions = start.positions(points.len(), |index| points[index].to_array())?;
         let samples = AabbTreeN::build(&positions, &AabbTreeNSettings::default())?;
@@ -91,7 +97,7 @@ impl GpuWlop {
         let tree = GpuAabbTree::build(gpu, &vectors, &along_curve)?;
         let n = positions.len();
         let input_weights = match formula.inputs.filter(|_| n > 0) {
-            Some(density) => input_weights(gpu, &inputs, &density, radius)?,
+            Some(density) => input_weights(gpu, &inputs, &density, radius, watch)?,
             None => gpu.upload("weights of points", &[1.0])?,
         };
         let least_move = (settings.tolerance * sample_spacing(&samples) * n as f64) as f32;
@@ -139,6 +145,7 @@ impl GpuWlop {
     /// Moves every sample once.
     ///
     /// # Errors
+    /// `NonFinite` where samples would have left what can be searched: they are then where they were, and the others have moved.
     /// `Unsupported` where the device would end the loops of a search; `OutOfDeviceMemory`, `DeviceLost`.
     pub fn iterate(&mut self) -> Result<WlopReport> {
         Ok(self.submit(1)?.pop().unwrap_or_default())
@@ -181,8 +188,10 @@ impl GpuWlop {
         let start = Instant::now();
         let n_samples = self.pulls.len();
         if n_samples == 0 {
+            let first = self.iterations + 1;
             self.iterations += n;
-            return Ok((0..n).map(|i| WlopReport { iteration: i + 1, ..WlopReport::default() }).collect());
+            let report = |iteration| WlopReport { iteration, ..WlopReport::default() };
+            return Ok((first..first + n).map(report).collect());
         }
         let before = Record { moves: f32::MAX, is_made: 1, ..Record::default() };
         self.gpu.write(&self.records, 0, &[before])?;
@@ -202,6 +211,7 @@ impl GpuWlop {
             records[..made].iter().zip(times.chunks(STAGES)).enumerate().map(report).collect();
         self.iterations += made as u32;
         self.rests = records[..made].last().is_none_or(|last| last.moves < self.least_move);
+        records[..made].last().map_or(Ok(()), Record::check)?;
         Ok(reports)
     }
 
@@ -275,14 +285,23 @@ impl GpuWlop {
 }
 
 /// v of all points, by index.
-fn input_weights(gpu: &Gpu, inputs: &GpuAabbTree, density: &Density, radius: f32) -> Result<Buffer<f32>> {
+fn input_weights(
+    gpu: &Gpu,
+    inputs: &GpuAabbTree,
+    density: &Density,
+    radius: f32,
+    watch: &mut Watch<'_>,
+) -> Result<Buffer<f32>> {
+    let (stage, total) = ("weights of points", inputs.len() as u64);
+    watch.report(stage, 0, total)?;
     let weights = gpu.buffer("weights of points", inputs.len())?;
     let parameters = gpu.uniform("density of points", &DensityParameters::new(density, radius))?;
     let queries = DeviceQueries::new(inputs.points(), density.reach as f32 * radius).exclude_self();
     let bindings = [(Uniform, (&parameters).into()), (ReadWrite, (&weights).into())];
     let mut commands = gpu.commands("weights of points");
     visit(&mut commands, inputs, &queries, "package::application::wlop::density", &bindings)?;
-    commands.submit()?;
+    commands.run()?;
+    watch.report(stage, total, total)?;
     Ok(weights)
 }
 

@@ -5,6 +5,7 @@ use glam::Vec3;
 
 use super::report::Sums;
 use super::variant::{Density, DensityResult, Formula, Pairs, Power};
+use crate::{Error, Result};
 
 /// `WlopParameters` in pairs.wesl.
 #[repr(C)]
@@ -31,7 +32,7 @@ impl PairParameters {
             inverse_radius2: 1.0 / (radius * radius),
             least_y: pairs.least_y as f32,
             falloff: -pairs.falloff as f32,
-            skip2: pairs.skip2 as f32,
+            skip2: pairs.skip2(),
             least_weight: pairs.least_weight as f32,
             twice_power: power.twice(),
             weighted: formula.inputs.is_some().into(),
@@ -111,6 +112,8 @@ pub struct RecordPart {
     pub inputs: f32,
     pub samples: f32,
     pub unattracted: u32,
+    pub lost: u32,
+    pub first_lost: u32,
 }
 
 /// `WlopRecord` in advance.wesl.
@@ -124,9 +127,22 @@ pub struct Record {
     pub samples: f32,
     pub unattracted: u32,
     pub is_made: u32,
+    pub lost: u32,
+    pub first_lost: u32,
 }
 
 impl Record {
+    /// Refuses an iteration that would have moved samples where nothing can be searched.
+    ///
+    /// # Errors
+    /// `NonFinite`, as from the CPU.
+    pub(super) fn check(&self) -> Result<()> {
+        match self.lost {
+            0 => Ok(()),
+            lost => Err(Error::NonFinite { what: "points", count: lost.into(), first: self.first_lost.into() }),
+        }
+    }
+
     pub(super) fn sums(&self) -> Sums {
         Sums {
             moves: self.moves.into(),
@@ -135,5 +151,17 @@ impl Record {
             samples: self.samples.into(),
             unattracted: self.unattracted.into(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lost_samples_are_an_error() {
+        assert!(Record { is_made: 1, first_lost: u32::MAX, ..Record::default() }.check().is_ok());
+        let found = Record { is_made: 1, lost: 2, first_lost: 7, ..Record::default() }.check();
+        assert!(matches!(found, Err(Error::NonFinite { what: "points", count: 2, first: 7 })), "{found:?}");
     }
 }

@@ -11,7 +11,8 @@
 //!
 //! # Differs
 //! Radii scale with the points ([`WlopSettings`]). Distances below a thousandth of the radius count as that where they are
-//! divided by. The caller's points keep their order.
+//! divided by; samples at one place, which could not part, do not push each other, and random ones do not begin at one place. The
+//! caller's points keep their order.
 //!
 //! # Cost
 //! An iteration searches the points once and the samples twice for each sample; nothing is kept of neighbours. Weights v take one

@@ -12,6 +12,8 @@ use crate::structure::AabbTreeN;
 
 /// Samples of a task.
 const TASK: usize = 256;
+/// Samples after which a caller is told and may end it.
+const TOLD: usize = 1 << 13;
 
 /// Where samples go at the end.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,14 +36,15 @@ impl<T: Scalar> WlopSamples<T> {
     /// - `tree`: over the points
     ///
     /// # Errors
-    /// `LengthMismatch` for normals; `InvalidSetting` for a radius that cannot be searched.
-    pub fn snap(&mut self, tree: &AabbTreeN<T, 3>, snap: Snap<'_, T>) -> Result<f64> {
+    /// `LengthMismatch` for normals; `InvalidSetting` for a radius that cannot be searched; `Interrupted` where the watch ends it. The
+    /// samples are then as they were.
+    pub fn snap(&mut self, tree: &AabbTreeN<T, 3>, snap: Snap<'_, T>, watch: &mut Watch<'_>) -> Result<f64> {
         let snapped = match snap {
-            Snap::Nearest => self.nearest(tree),
+            Snap::Nearest => self.nearest(tree, watch)?,
             Snap::Apss { normals, radius } => {
                 let (support, settings) = (Support::Radius(radius), MlsSettings::default());
                 let mut moving = MlsProjection::new(tree, Some(normals), &self.positions, &support, &settings)?;
-                moving.run(&mut Watch::none())?;
+                moving.run(watch)?;
                 self.flags.iter_mut().zip(moving.flags()).for_each(|(all, more)| *all |= *more);
                 moving.positions().to_vec()
             }
@@ -52,7 +55,7 @@ impl<T: Scalar> WlopSamples<T> {
         Ok(moves / (self.positions.len() as f64).max(1.0))
     }
 
-    fn nearest(&self, tree: &AabbTreeN<T, 3>) -> Vec<Vector<T>> {
+    fn nearest(&self, tree: &AabbTreeN<T, 3>, watch: &mut Watch<'_>) -> Result<Vec<Vector<T>>> {
         let points = tree.ordered_points();
         let mut by_index = vec![0; points.len()];
         points.ids().iter().enumerate().for_each(|(place, &id)| by_index[id as usize] = place);
@@ -60,6 +63,15 @@ impl<T: Scalar> WlopSamples<T> {
             tree.nearest_few(at, T::of(f64::INFINITY), few);
             few.found().first().map_or(*at, |hit| points.position(by_index[hit.1 as usize]))
         };
-        self.positions.par_iter().with_min_len(TASK).map_init(|| NearestFew::new(1), nearest).collect()
+        let n = self.positions.len();
+        let mut snapped = Vec::with_capacity(n);
+        for some in self.positions.chunks(TOLD) {
+            watch.report("snapping", snapped.len() as u64, n as u64)?;
+            let found: Vec<Vector<T>> =
+                some.par_iter().with_min_len(TASK).map_init(|| NearestFew::new(1), nearest).collect();
+            snapped.extend(found);
+        }
+        watch.report("snapping", n as u64, n as u64)?;
+        Ok(snapped)
     }
 }

@@ -1,6 +1,7 @@
 //! Where the samples begin, and how far they look.
 
 use std::borrow::Cow;
+use std::collections::HashSet;
 
 use rayon::prelude::*;
 
@@ -26,16 +27,17 @@ const TASK: usize = 256;
 /// The samples as they begin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum WlopStart<'a, T> {
-    /// So many different points, chosen at random; the same for the same seed on every machine.
+    /// So many different points, chosen at random; the same for the same seed on every machine. No two are at one place while points
+    /// at others are left: samples at one place never part.
     Random {
         /// How many, at most as many as there are points.
         count: usize,
         /// Any number.
         seed: u64,
     },
-    /// The points with these indices.
+    /// The points with these indices. Samples at one place never part, but count.
     Indices(&'a [u32]),
-    /// Samples of the caller's own, anywhere.
+    /// Samples of the caller's own, anywhere; those at one place as above.
     Positions(&'a [Vector<T>]),
 }
 
@@ -44,22 +46,55 @@ pub enum WlopStart<'a, T> {
 /// # Errors
 /// `InvalidSetting` where `count` is larger than `n`.
 pub fn random_subset(n: usize, count: usize, seed: u64) -> Result<Vec<u32>> {
-    if count > n {
-        return Err(Error::InvalidSetting {
-            setting: "number of samples",
-            found: format!("{count} of {n} points"),
-            expected: "at most the number of points, as each is one of them at first",
-        });
+    check_count(n, count)?;
+    let mut chosen: Vec<u32> = shuffled(n, seed).take(count).collect();
+    chosen.sort_unstable();
+    Ok(chosen)
+}
+
+/// As [`random_subset`], but of points at one place only one, unless there are fewer places than points asked for. The same subset
+/// where all points are at different places.
+///
+/// - `point`: the point with an index below `n`
+fn random_places<T: Scalar>(n: usize, count: usize, seed: u64, point: impl Fn(usize) -> Vector<T>) -> Result<Vec<u32>> {
+    check_count(n, count)?;
+    // Adding zero turns -0 into 0: both are one place.
+    let place = |index: u32| point(index as usize).map(|x| (x + T::ZERO).to_f64().to_bits());
+    let mut taken = HashSet::with_capacity(count);
+    let (mut chosen, mut repeated) = (Vec::with_capacity(count), Vec::new());
+    for index in shuffled(n, seed) {
+        if chosen.len() == count {
+            break;
+        }
+        let among = if taken.insert(place(index)) { &mut chosen } else { &mut repeated };
+        among.push(index);
     }
+    repeated.truncate(count - chosen.len());
+    chosen.append(&mut repeated);
+    chosen.sort_unstable();
+    Ok(chosen)
+}
+
+fn check_count(n: usize, count: usize) -> Result<()> {
+    if count <= n {
+        return Ok(());
+    }
+    Err(Error::InvalidSetting {
+        setting: "number of samples",
+        found: format!("{count} of {n} points"),
+        expected: "at most the number of points, as each is one of them at first",
+    })
+}
+
+/// All numbers below `n` in a random order.
+fn shuffled(n: usize, seed: u64) -> impl Iterator<Item = u32> {
     let mut random = SplitMix64::stream(seed, 0);
     let mut all: Vec<u32> = (0..n as u32).collect();
-    for place in 0..count {
+    (0..n).map(move |place| {
         let other = place + random.below((n - place) as u64) as usize;
         all.swap(place, other);
-    }
-    all.truncate(count);
-    all.sort_unstable();
-    Ok(all)
+        all[place]
+    })
 }
 
 impl<T: Scalar> WlopStart<'_, T> {
@@ -72,7 +107,7 @@ impl<T: Scalar> WlopStart<'_, T> {
     pub(super) fn positions(&self, n: usize, point: impl Fn(usize) -> Vector<T>) -> Result<Vec<Vector<T>>> {
         let of = |indices: &[u32]| indices.iter().map(|&index| point(index as usize)).collect();
         match self {
-            Self::Random { count, seed } => Ok(of(&random_subset(n, *count, *seed)?)),
+            Self::Random { count, seed } => Ok(of(&random_places(n, *count, *seed, &point)?)),
             Self::Positions(positions) => Ok(positions.to_vec()),
             Self::Indices(indices) => match indices.iter().find(|&&index| index as usize >= n) {
                 None => Ok(of(indices)),
@@ -161,6 +196,27 @@ mod tests {
         let mut drawn = [0; 10];
         (0..1000).for_each(|seed| random_subset(10, 3, seed).unwrap().iter().for_each(|&i| drawn[i as usize] += 1));
         assert!(drawn.iter().all(|n| (228..372).contains(n)), "{drawn:?}");
+    }
+
+    #[test]
+    fn places_are_repeated_only_where_none_is_left() {
+        // Ten places, at each as many points as its number says, from 1 on; zeros of both signs are one.
+        let points: Vec<[f32; 3]> =
+            (0..10u8).flat_map(|i| vec![[f32::from(i), 0.0, 1.0]; 1 + usize::from(i)]).collect();
+        let signed = |index: usize| points[index].map(|x| if x == 0.0 && index % 2 == 1 { -x } else { x });
+        let n = points.len();
+        for seed in 0..20 {
+            for count in [0, 1, 9, 10, 11, n] {
+                let chosen = random_places(n, count, seed, signed).unwrap();
+                assert_eq!(chosen, random_places(n, count, seed, signed).unwrap());
+                assert!(chosen.len() == count && chosen.windows(2).all(|pair| pair[0] < pair[1]));
+                let places: HashSet<u32> = chosen.iter().map(|&i| points[i as usize][0].to_bits()).collect();
+                assert_eq!(places.len(), count.min(10), "{chosen:?}");
+            }
+        }
+        let apart = |index: usize| [index as f64, 0.0, 0.0];
+        assert_eq!(random_places(1000, 300, 7, apart).unwrap(), random_subset(1000, 300, 7).unwrap());
+        assert!(random_places(5, 6, 1, apart).is_err_and(|error| error.to_string().contains("6 of 5 points")));
     }
 
     #[test]

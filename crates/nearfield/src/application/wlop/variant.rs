@@ -97,12 +97,19 @@ pub(super) struct Pairs {
     pub(super) power: Power,
     /// Part of the radius that is searched.
     pub(super) reach: f64,
-    /// Pairs at a smaller squared distance, in the unit of the points, do not count.
+    /// Pairs at a smaller squared distance, in the unit of the points, do not count; `skip2()` has it in one precision.
     pub(super) skip2: f64,
     /// Smaller squares count as this where they are divided by.
     pub(super) least_y: f64,
     /// Sums of weights below this are none.
     pub(super) least_weight: f64,
+}
+
+impl Pairs {
+    /// The squared distance below which pairs do not count; above 0 where it is in f64, however small.
+    pub(super) fn skip2<T: Scalar>(&self) -> T {
+        if self.skip2 > 0.0 { T::of(self.skip2).larger(T::SMALLEST_NORMAL) } else { T::ZERO }
+    }
 }
 
 /// Weights of points or samples by how crowded they are.
@@ -166,6 +173,8 @@ impl Formula {
             least_y: LEAST_DISTANCE * LEAST_DISTANCE,
             least_weight: 0.0,
         };
+        // Samples at one place have no direction to part in: each would only weaken what pushes the other.
+        let pushes = |falloff, power| Pairs { skip2: f64::MIN_POSITIVE, ..pairs(falloff, power, 1.0) };
         let density = |falloff: f64, reach, result| Density { falloff, reach, skip2: 0.0, own: 1.0, result };
         let inputs = |density| weigh_inputs.then_some(density);
         use DensityResult::{Inverse, Root, Sum};
@@ -174,7 +183,7 @@ impl Formula {
             first_power: Power::Zero,
             inputs: inputs(density(16.0, 1.0, Inverse)),
             samples: density(16.0, 1.0, Sum),
-            repulsion: pairs(16.0, Power::One, 1.0),
+            repulsion: pushes(16.0, Power::One),
             least_samples: 1,
             drifts: false,
         };
@@ -184,7 +193,7 @@ impl Formula {
                 attraction: pairs(24.0, Power::Half, 0.65),
                 inputs: inputs(density(24.0, 0.65, Inverse)),
                 samples: density(8.0, 1.0, Sum),
-                repulsion: pairs(8.0, Power::Three, 1.0),
+                repulsion: pushes(8.0, Power::Three),
                 ..paper
             },
             WlopVariant::Authors => Self {
@@ -192,7 +201,7 @@ impl Formula {
                 first_power: Power::One,
                 inputs: inputs(density(4.0 / (0.95 * 0.95), 0.95, Inverse)),
                 samples: density(4.0, 1.0, Root),
-                repulsion: pairs(4.0, Power::One, 1.0),
+                repulsion: pushes(4.0, Power::One),
                 ..paper
             },
             WlopVariant::Cgal => {
@@ -208,6 +217,23 @@ impl Formula {
                     drifts: true,
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_at_one_place_attract_but_do_not_repel() {
+        for variant in WlopVariant::ALL {
+            let formula = Formula::new(variant, true, 1.0);
+            let [attraction, repulsion] = [formula.attraction, formula.repulsion];
+            let is_cgal = variant == WlopVariant::Cgal;
+            assert_eq!((attraction.skip2::<f32>() > 0.0, attraction.skip2::<f64>() > 0.0), (is_cgal, is_cgal));
+            let expected = if is_cgal { (1e-10, 1e-10) } else { (f32::MIN_POSITIVE, f64::MIN_POSITIVE) };
+            assert_eq!((repulsion.skip2::<f32>(), repulsion.skip2::<f64>()), expected, "{variant}");
         }
     }
 }
