@@ -202,21 +202,17 @@ fn stages(measured: &Measured) -> String {
     if all.is_empty() { String::new() } else { format!("; {}", all.join(", ")) }
 }
 
-/// Checks that both devices found the same clusters, whatever their numbers.
+/// Checks that both devices found the same clusters, number by number.
 fn agree(there: &Clusters, here: &Clusters) -> Result<()> {
     let n = here.labels.len();
-    let mut names = vec![i32::MIN; there.n_clusters as usize];
-    let mut differ = 0usize;
-    for (&a, &b) in there.labels.iter().zip(&here.labels) {
-        match usize::try_from(a).ok().and_then(|a| names.get_mut(a)) {
-            None => differ += usize::from(b != Clusters::NONE),
-            Some(name) if *name == i32::MIN => *name = b,
-            Some(name) => differ += usize::from(*name != b),
-        }
-    }
+    let differ = there.labels.iter().zip(&here.labels).filter(|(a, b)| a != b).count();
     let cores = there.is_core.iter().zip(&here.is_core).filter(|(a, b)| a != b).count();
     println!("{:<15}{differ} labels and {cores} core points differ from the CPU's, of {n}", "");
-    if differ.max(cores) as f64 <= MAY_DIFFER * n as f64 {
+    if differ == 0 && there.n_clusters != here.n_clusters {
+        let found = format!("{} clusters on the device and {} on the CPU", there.n_clusters, here.n_clusters);
+        return Err(Error::from(format!("{found}, with equal labels")));
+    }
+    if there.labels.len() == n && differ.max(cores) as f64 <= MAY_DIFFER * n as f64 {
         return Ok(());
     }
     Err(Error::from(format!("{differ} labels and {cores} core points differ between the devices")))
@@ -232,12 +228,18 @@ mod tests {
     }
 
     #[test]
-    fn other_names_agree_and_other_clusters_do_not() {
-        assert!(agree(&clusters(&[0, 0, 1, -1]), &clusters(&[1, 1, 0, -1])).is_ok());
+    fn equal_labels_agree_and_others_do_not() {
+        assert!(agree(&clusters(&[0, 0, 1, -1]), &clusters(&[0, 0, 1, -1])).is_ok());
+        assert!(agree(&clusters(&[1, 1, 0, -1]), &clusters(&[0, 0, 1, -1])).is_err());
+        // A cluster that is split, and two that are joined.
+        assert!(agree(&clusters(&[0, 0, 1, 1]), &clusters(&[0, 0, 0, 0])).is_err());
+        assert!(agree(&clusters(&[0, 0, 0, 0]), &clusters(&[0, 0, 1, 1])).is_err());
         assert!(agree(&clusters(&[0, 0, 1, -1]), &clusters(&[0, 0, 1, 1])).is_err());
         assert!(agree(&clusters(&[0, 1, 1, -1]), &clusters(&[0, 0, 1, -1])).is_err());
         let mut other = clusters(&[0, 0, 1, -1]);
         other.is_core[3] = false;
         assert!(agree(&other, &clusters(&[0, 0, 1, -1])).is_err());
+        let more = Clusters { n_clusters: 3, ..clusters(&[0, 0, 1, -1]) };
+        assert!(agree(&more, &clusters(&[0, 0, 1, -1])).is_err());
     }
 }

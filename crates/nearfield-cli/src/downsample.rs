@@ -21,8 +21,9 @@ use crate::report::{DIGITS, grouped, short};
   nearfield downsample poisson scan.ply --count 20000 -o even.ply
   nearfield downsample farthest scan.ply --count 1024 --seed 7 -o far.ply
 
-Points that are taken keep their order in the file, but for those of `farthest`, which stand in the order in which they were
-taken: the first N of them are the samples for N. All attributes of a point go with it.")]
+Points of `poisson` keep their order in the file. Those of `voxel` stand in the order of the first point of each cell, and those of
+`farthest` in the order in which they were taken: the first N of them are the samples for N. All attributes of a point go with
+it.")]
 pub(crate) struct DownsampleArgs {
     #[command(subcommand)]
     by: By,

@@ -42,7 +42,8 @@ struct Filtered {
     #[command(flatten)]
     files: PointFiles,
 
-    /// Keep all points, and write attributes: `kept`, 1 or 0, and what was measured
+    /// Keep all points, and write attributes: `kept`, 1 or 0, and what was measured; indices count the points that are left after
+    /// --drop-invalid
     #[arg(long)]
     mark: bool,
 
@@ -100,7 +101,7 @@ struct RadiusArgs {
 /// Points that are there already
 ///
 /// In the order of the file a point stays where none that stays is within the tolerance. Written with --mark: `original`, the
-/// index of the point that stays.
+/// index of the point that stays, counted over the points that are left after --drop-invalid.
 #[derive(Debug, Args)]
 struct DuplicatesArgs {
     #[command(flatten)]

@@ -97,15 +97,29 @@ pub(crate) fn same_for_any_threads<R: PartialEq + Send>(case: &str, work: impl F
     (0..3).for_each(|_| assert!(run(4) == alone, "{case} depends on the number of threads"));
 }
 
-/// Work that is told to end at its first report must end with `Interrupted`.
-pub(crate) fn can_be_interrupted<R>(case: &str, work: impl FnOnce(&mut Watch<'_>) -> Result<R>) {
-    let mut told = 0;
-    let mut tell = |_: Progress| {
-        told += 1;
-        ControlFlow::Break(())
-    };
-    let ended = work(&mut Watch::new(&mut tell));
-    assert!(matches!(ended, Err(Error::Interrupted { .. })) && told == 1, "{case} goes on, told {told} times");
+/// More than the points between two reports of any of the tasks.
+pub(crate) const ABOVE_BLOCK: usize = 1 << 13;
+
+/// Work that is told to end at its first report, or at its second before all is done, must end there with `Interrupted`. Work on
+/// [`ABOVE_BLOCK`] points or more must have a second one.
+pub(crate) fn can_be_interrupted<R>(case: &str, work: impl Fn(&mut Watch<'_>) -> Result<R>) {
+    for last in [1, 2] {
+        let (mut unfinished, mut total, mut broken, mut told_after) = (0, 0, false, 0);
+        let mut tell = |progress: Progress| {
+            told_after += u32::from(broken);
+            unfinished += u32::from(progress.done < progress.total);
+            total = progress.total.max(total);
+            if unfinished < last {
+                return ControlFlow::Continue(());
+            }
+            broken = true;
+            ControlFlow::Break(())
+        };
+        let ended = work(&mut Watch::new(&mut tell));
+        let is_interrupted = matches!(ended, Err(Error::Interrupted { done, total, .. }) if done < total);
+        assert!(is_interrupted == broken && told_after == 0, "{case} goes on after report {last}");
+        assert!(broken || (last == 2 && total < ABOVE_BLOCK as u64), "{case}: {total} in one, without a report {last}");
+    }
 }
 
 /// That the work is refused for this setting.

@@ -5,7 +5,8 @@ use nearfield::Scalar;
 use nearfield::application::{Clusters, DbscanSettings, EuclideanSettings, LeftOut, Watch, dbscan, euclidean_clusters};
 
 use crate::clouds::{
-    Points, STEP, balls, can_be_interrupted, clouds, dist2, is_refused, of, same_for_any_threads, with_invalid,
+    ABOVE_BLOCK, Points, STEP, balls, can_be_interrupted, clouds, dist2, is_refused, of, same_for_any_threads,
+    with_invalid,
 };
 use crate::support::trial;
 
@@ -163,7 +164,7 @@ fn any_threads() {
 }
 
 fn interrupted() {
-    let points = of::<f64>(&balls(300, 12));
+    let points = of::<f64>(&balls(ABOVE_BLOCK, 12));
     can_be_interrupted("dbscan", |watch| dbscan(&points, &DbscanSettings::new(0.25, 3), watch));
     can_be_interrupted("euclidean", |watch| euclidean_clusters(&points, &EuclideanSettings::new(0.25), watch));
 }

@@ -10,7 +10,8 @@ use nearfield::application::{
 };
 
 use crate::clouds::{
-    Points, STEP, balls, can_be_interrupted, clouds, dist2, even, is_refused, of, same_for_any_threads, with_invalid,
+    ABOVE_BLOCK, Points, STEP, balls, can_be_interrupted, clouds, dist2, even, is_refused, of, same_for_any_threads,
+    with_invalid,
 };
 use crate::support::{Random, trial};
 
@@ -264,7 +265,7 @@ fn any_threads() {
 }
 
 fn interrupted() {
-    let points = of::<f64>(&balls(300, 17));
+    let points = of::<f64>(&balls(ABOVE_BLOCK, 17));
     can_be_interrupted("voxels", |watch| voxel_downsample(&points, &VoxelSettings::new(0.5), watch));
     can_be_interrupted("poisson disks", |watch| poisson_disk(&points, &PoissonDiskSettings::new(50), watch));
     can_be_interrupted("farthest points", |watch| farthest_points(&points, 20, FarthestStart::Index(0), watch));

@@ -15,7 +15,8 @@ use nearfield::{
 };
 
 use crate::clouds::{
-    Points, STEP, balls, can_be_interrupted, clouds, even, falling_row, is_refused, of, shuffled_row, with_invalid,
+    ABOVE_BLOCK, Points, STEP, balls, can_be_interrupted, clouds, even, falling_row, is_refused, of, shuffled_row,
+    with_invalid,
 };
 use crate::clusters::{ASKED, is_spread};
 use crate::outliers::TOLERANCES;
@@ -186,6 +187,8 @@ fn voxels_are_the_same(gpu: &Gpu) {
                 let there = voxel_downsample_on_gpu(gpu, &vectors(&points), &settings, &mut Watch::none()).unwrap();
                 assert_eq!((&here.cells, &here.counts, &here.invalid), (&there.cells, &there.counts, &there.invalid));
                 assert_eq!(here.points.len(), there.points.len(), "{case}");
+                let centroids = VoxelSettings { point: VoxelPoint::Centroid, ..settings };
+                let means = voxel_downsample(&of::<f32>(&points), &centroids, &mut Watch::none()).unwrap();
                 // Sums of up to n offsets within a cell, or within the cloud where it is smaller.
                 let slack = 1e-5 * size.min(16.0) as f32;
                 for cell in 0..here.points.len() {
@@ -198,7 +201,13 @@ fn voxels_are_the_same(gpu: &Gpu) {
                             let far = stand.map(|i| at(i).distance(mean));
                             assert!((far[0] - far[1]).abs() <= slack, "{case}: {far:?}");
                         }
-                        VoxelPoint::Nearest => assert_eq!(found, at(stand[1]), "{case}"),
+                        VoxelPoint::Nearest => {
+                            assert_eq!(found, at(stand[1]), "{case}");
+                            assert_eq!(here.cells[stand[1] as usize] as usize, cell, "{case}");
+                            // Of nearly equals it may be another.
+                            let far = stand.map(|i| at(i).distance(Vec3::from_array(means.points[cell])));
+                            assert!((far[0] - far[1]).abs() <= slack, "{case}: {far:?}");
+                        }
                         VoxelPoint::First => assert_eq!((found, stand[0]), (mean, stand[1]), "{case}"),
                     }
                 }
@@ -230,5 +239,7 @@ fn refusals(gpu: &Gpu) {
     is_refused("size of a voxel", voxel_downsample_on_gpu(gpu, &points, &VoxelSettings::new(1e-9), &mut Watch::none()));
     is_refused("tolerance", duplicates_on_gpu(gpu, &points, -1.0, &mut Watch::none()));
     can_be_interrupted("dbscan", |watch| dbscan_on_gpu(gpu, &points, &DbscanSettings::new(0.5, 3), watch));
-    can_be_interrupted("duplicates", |watch| duplicates_on_gpu(gpu, &points, 0.1, watch));
+    // Who stays goes on from point to point along the row: no pass decides all.
+    let row = vectors(&falling_row(ABOVE_BLOCK));
+    can_be_interrupted("duplicates", |watch| duplicates_on_gpu(gpu, &row, STEP, watch));
 }

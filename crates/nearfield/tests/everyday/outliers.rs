@@ -8,7 +8,8 @@ use nearfield::application::{
 };
 
 use crate::clouds::{
-    Points, STEP, balls, can_be_interrupted, clouds, dist2, is_refused, of, same_for_any_threads, with_invalid,
+    ABOVE_BLOCK, Points, STEP, balls, can_be_interrupted, clouds, dist2, is_refused, of, same_for_any_threads,
+    with_invalid,
 };
 use crate::support::trial;
 
@@ -183,7 +184,7 @@ fn any_threads() {
 }
 
 fn interrupted() {
-    let points = of::<f64>(&balls(300, 14));
+    let points = of::<f64>(&balls(ABOVE_BLOCK, 14));
     let settings = StatisticalOutlierSettings::new(4, 1.0);
     can_be_interrupted("statistical", |watch| statistical_outliers(&points, &settings, watch));
     can_be_interrupted("radius", |watch| radius_outliers(&points, &RadiusOutlierSettings::new(0.1, 1), watch));

@@ -15,7 +15,7 @@ use crate::query::{Clock, Stage};
 use crate::structure::{AabbTreeN, AabbTreeNSettings};
 
 /// Points between two reports of how far it is.
-const BLOCK: usize = 1 << 16;
+const BLOCK: usize = 1 << 12;
 /// Points of a task.
 const TASK: usize = 128;
 

@@ -3,6 +3,7 @@
 use crate::application::Watch;
 use crate::application::finite_points::FinitePoints;
 use crate::geometry::Scalar;
+use crate::geometry::generate::random::SplitMix64;
 use crate::geometry::vector::Vector;
 use crate::structure::aabb_tree::any_dimension::dist2_to_box;
 use crate::structure::{AabbTreeN, AabbTreeNSettings};
@@ -66,7 +67,7 @@ pub fn farthest_points<T: Scalar>(
     }
     let tree = AabbTreeN::build(finite.points(), &AabbTreeNSettings::default())?;
     let first = match start {
-        FarthestStart::Seed(seed) => of_seed(seed, n),
+        FarthestStart::Seed(seed) => SplitMix64::stream(seed, 0).below(n as u64) as u32,
         FarthestStart::Index(index) => {
             (0..n as u32).find(|&i| finite.index(i) == index).ok_or_else(|| Error::InvalidSetting {
                 setting: "first sample",
@@ -89,15 +90,6 @@ pub fn farthest_points<T: Scalar>(
     }
     watch.report("farthest points", count as u64, count as u64)?;
     Ok(FarthestPoints { indices: finite.renamed(taken, u32::MAX), distances, invalid: finite.invalid() })
-}
-
-/// One of n, by the finaliser of SplitMix64.
-fn of_seed(seed: u64, n: usize) -> u32 {
-    let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^= z >> 31;
-    ((u128::from(z) * n as u128) >> 64) as u32
 }
 
 /// A point and its squared distance to the samples; below 0 once it is one.

@@ -20,7 +20,7 @@ pub use radius::{RadiusOutlierSettings, RadiusOutliers, radius_outliers};
 pub use statistical::{OutlierRule, StatisticalOutlierSettings, StatisticalOutliers, statistical_outliers};
 
 /// Points between two reports of how far it is.
-const BLOCK: usize = 1 << 16;
+const BLOCK: usize = 1 << 12;
 /// Points of a task.
 const TASK: usize = 128;
 

@@ -1,12 +1,13 @@
 //! Radius outliers: points with few others near them.
 
-use super::indices;
+use rayon::prelude::*;
+
+use super::{BLOCK, TASK, indices};
 use crate::Result;
 use crate::application::Watch;
 use crate::application::finite_points::{FinitePoints, Place, positive};
 use crate::geometry::Scalar;
 use crate::geometry::vector::Vector;
-use crate::query::FixedRadiusN;
 use crate::structure::{AabbTreeN, AabbTreeNSettings};
 
 /// What radius outliers are.
@@ -66,12 +67,23 @@ pub fn radius_outliers<T: Scalar>(
 ) -> Result<RadiusOutliers> {
     let radius: T = positive("radius", settings.radius)?;
     let finite = FinitePoints::of(points)?;
-    watch.report("neighbours", 0, 2)?;
     let tree = AabbTreeN::build(finite.points(), &AabbTreeNSettings::default())?;
-    watch.report("neighbours", 1, 2)?;
-    let counts = tree.count(&FixedRadiusN::new(radius).exclude_self())?;
-    watch.report("neighbours", 2, 2)?;
-    Ok(decide(&finite, counts.as_slice().to_vec(), settings))
+    let (ordered, n) = (tree.ordered_points(), tree.len());
+    let mut neighbors = vec![0; n];
+    for first in (0..n).step_by(BLOCK) {
+        watch.report("neighbours", first as u64, n as u64)?;
+        let places = first..n.min(first + BLOCK);
+        let others = |place: usize| {
+            let mut within = 0u32;
+            tree.for_each_within(&ordered.position(place), radius, |_, _| within += 1);
+            // The point itself is one of them.
+            within - 1
+        };
+        let found: Vec<u32> = places.clone().into_par_iter().with_min_len(TASK).map(others).collect();
+        places.zip(found).for_each(|(place, others)| neighbors[ordered.ids()[place] as usize] = others);
+    }
+    watch.report("neighbours", n as u64, n as u64)?;
+    Ok(decide(&finite, neighbors, settings))
 }
 
 /// Who stays, by the number of others near the finite points.
