@@ -65,6 +65,36 @@ fn with_holes(whole: &TriMesh) -> TriMesh {
     TriMesh::new(whole.vertices.clone(), kept.collect()).unwrap()
 }
 
+/// A closed cylinder along z whose triangles are needles.
+fn needles(radius: f32, scale: f32) -> TriMesh {
+    let n = 24u32;
+    let ring = |i: u32, z: f32| {
+        let (sin, cos) = (i as f32 / n as f32 * std::f32::consts::TAU).sin_cos();
+        scale * Vec3::new(radius * cos, radius * sin, z)
+    };
+    let mut vertices: Vec<Vec3> = (0..n).flat_map(|i| [ring(i, -0.5), ring(i, 0.5)]).collect();
+    vertices.extend([scale * Vec3::new(0.0, 0.0, -0.5), scale * Vec3::new(0.0, 0.0, 0.5)]);
+    let triangles = (0..n).flat_map(|i| {
+        let [here, next] = [2 * i, 2 * ((i + 1) % n)];
+        [[here, next, next + 1], [here, next + 1, here + 1], [2 * n, next, here], [2 * n + 1, here + 1, next + 1]]
+    });
+    TriMesh::new(vertices, triangles.collect()).unwrap()
+}
+
+/// A plate whose triangles have a corner near the middle of their longest edge.
+fn caps(height: f32) -> TriMesh {
+    let vertices = vec![
+        Vec3::ZERO,
+        Vec3::X,
+        Vec3::new(0.5, height, 0.0),
+        Vec3::new(0.5, -height, 0.0),
+        Vec3::new(0.5, 0.4, 0.2),
+        Vec3::new(0.5, -0.4, 0.2),
+    ];
+    let triangles = vec![[0, 1, 2], [1, 0, 3], [0, 2, 4], [2, 1, 4], [3, 0, 5], [1, 3, 5]];
+    TriMesh::new(vertices, triangles).unwrap()
+}
+
 /// Compares the field of a mesh on the device with that of the CPU.
 fn compare_mesh(gpu: &Gpu, name: &str, mesh: &TriMesh, settings: &DistanceSettings) {
     let grid = grid_around(DVec3::ZERO, &mesh.bounds(), 41, 4.0).unwrap();
@@ -153,6 +183,18 @@ fn main() {
             compare_mesh(gpu, &format!("{name} with holes"), &with_holes(&made), &DistanceSettings::default());
         }));
     }
+    trials.push(gpu_trial("thin_and_far_too_small_or_large_triangles_have_the_field_of_the_cpu", |gpu| {
+        let settings = DistanceSettings::default();
+        for radius in [0.02, 1e-3, 1e-4] {
+            compare_mesh(gpu, &format!("needles {radius}"), &needles(radius, 1.0), &settings);
+        }
+        for height in [1e-2, 1e-4] {
+            compare_mesh(gpu, &format!("caps {height}"), &caps(height), &settings);
+        }
+        for scale in [1e-12, 1e12] {
+            compare_mesh(gpu, &format!("needles times {scale}"), &needles(0.02, scale), &settings);
+        }
+    }));
     trials.push(gpu_trial("meshes_that_cannot_be_computed_on_the_device_say_why", |gpu| {
         let made = mesh(MeshKind::Cube, 12, 0);
         let (surface, settings) = (MeshDistance::new(&made).unwrap(), DistanceSettings::default());
