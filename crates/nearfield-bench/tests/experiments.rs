@@ -557,6 +557,10 @@ fn applications_are_complete(gpu: &Gpu) {
         .map(|row| number(&row["paper_value"]))
         .collect();
     assert_eq!(papers.first(), Some(&162.0));
+    let is_compared = |row: &&std::collections::BTreeMap<String, String>| {
+        row["quantity"].starts_with("a search") && row["note"].contains("compared with")
+    };
+    assert!(rows.iter().filter(is_compared).count() > 0, "kernels over lists are compared with the CPU");
     // Values of planes are nearer to the truth than those of samples.
     let rows = paper_rows(&folder, "table-3");
     let crossings = |mode: &str| -> Vec<f64> {
@@ -565,6 +569,7 @@ fn applications_are_complete(gpu: &Gpu) {
         its.filter(|row| !row["value"].is_empty()).map(|row| number(&row["value"])).collect()
     };
     let (nearest, plane) = (crossings("nearest"), crossings("plane"));
+    assert!(!plane.is_empty() && nearest.len() == plane.len(), "{nearest:?} {plane:?}");
     assert!(nearest.iter().zip(&plane).all(|(samples, planes)| planes < samples), "{nearest:?} {plane:?}");
     for figure in ["figure-14", "figure-15", "table-3", "figure-17"] {
         let svg = fs::read_to_string(folder.0.join(format!("{figure}.svg"))).expect(figure);

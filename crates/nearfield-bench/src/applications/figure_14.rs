@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::original::{FIGURE_14, SMOOTHING_ITERATIONS, Smoothed as Original};
 use super::scans::Scan;
-use super::smoothing::{Fused, Smoothed, Task, check_points, with_lists};
+use super::smoothing::{Fused, Smoothed, Task, check_points, one_iteration, with_lists};
 use super::{Workshop, picture, plotting, searches};
 use crate::Result;
 use crate::check::Expected;
@@ -43,6 +43,15 @@ pub fn measure(workshop: &Workshop) -> Result<Vec<Row>> {
     Ok(sheet.into_rows())
 }
 
+/// What the points are compared with.
+#[derive(Default)]
+struct Reference {
+    /// After one iteration.
+    first: Vec<Vec3>,
+    /// In the end, by the first search that came there.
+    last: Option<Vec<Vec3>>,
+}
+
 struct Model<'a> {
     workshop: &'a Workshop,
     original: &'a Original,
@@ -68,7 +77,12 @@ impl Model<'_> {
             sheet.add(row)?;
         }
         // Exact searches must bring the points to the same places, by the degree of the height.
-        let mut references: [Option<Vec<Vec3>>; 1 + DEGREES.len()] = Default::default();
+        let mut references: [Reference; 1 + DEGREES.len()] = Default::default();
+        if lab.gpu().is_some() && !lab.is_over() {
+            for (degree, reference) in references.iter_mut().enumerate() {
+                reference.first = one_iteration(task, degree as u8)?;
+            }
+        }
         for plug in searches(lab) {
             let row = self.row(plug.on_gpu, plug.name);
             sheet.attempt(Row { quantity: SEARCH, ..row.clone() }, || {
@@ -115,21 +129,32 @@ impl Model<'_> {
         self.scan.row(&self.workshop.lab, on_gpu, &setting, self.radius, method)
     }
 
-    /// Checks the points of whole runs against those of the first.
-    fn compare(&self, smoothed: &Smoothed, reference: Option<&mut Option<Vec<Vec3>>>) -> Result<&'static str> {
-        match reference {
-            Some(reference) if smoothed.iterations == SMOOTHING_ITERATIONS => match reference {
-                Some(points) => {
-                    check_points(&smoothed.points, points, self.scan.body.diagonal)?;
-                    Ok("; points where other searches have brought them")
-                }
-                None => {
-                    *reference = Some(smoothed.points.clone());
-                    Ok("; other searches are compared with its points")
-                }
-            },
-            _ if smoothed.points.iter().all(|p| p.is_finite()) => Ok("; points not compared"),
-            _ => Err("wrong answer: points that are no place".into()),
+    /// Checks the points after one iteration against those of the CPU, and those of whole runs against the first whole run.
+    fn compare(&self, smoothed: &Smoothed, reference: Option<&mut Reference>) -> Result<&'static str> {
+        if !smoothed.points.iter().all(|p| p.is_finite()) {
+            return Err("wrong answer: points that are no place".into());
+        }
+        let Some(reference) = reference else { return Ok("; points not compared") };
+        let has_first = !smoothed.first.is_empty();
+        if has_first {
+            check_points(&smoothed.first, &reference.first, self.scan.body.diagonal)?;
+        }
+        if smoothed.iterations < SMOOTHING_ITERATIONS {
+            return Ok(if has_first {
+                "; points of one iteration compared with the CPU"
+            } else {
+                "; points not compared"
+            });
+        }
+        match &reference.last {
+            Some(points) => {
+                check_points(&smoothed.points, points, self.scan.body.diagonal)?;
+                Ok("; points where other searches have brought them")
+            }
+            None => {
+                reference.last = Some(smoothed.points.clone());
+                Ok("; other searches are compared with its points")
+            }
         }
     }
 

@@ -166,6 +166,9 @@ impl Body<'_> {
             Ok((surface, Vec::new()))
         })?;
         let triangles = surface.triangles().len() / 3;
+        if triangles == 0 {
+            return Err("wrong answer: no triangle of a surface left on the device".into());
+        }
         let note =
             format!("{triangles} triangles; vertices where planes meet, before flipped triangles are looked for");
         Ok(vec![Row { runs: measured.runs, ..row.of(CONTOURING, "ms") }.value(measured.wall.median).note(note)])

@@ -6,8 +6,8 @@ use nearfield::application::{PlaneSearch, Support};
 use nearfield::gpu::Gpu;
 use nearfield::structure::GridBuilder;
 use nearfield::{
-    AabbTreeSettings, BuildOrder, GpuMlsSmoothing, GpuMovingPoints, MlsMethod, MlsSettings, MlsSmoothing,
-    RebuildPolicy, TreeSearch, Vec3,
+    AabbTreeSettings, BuildOrder, FixedRadius, GpuMlsSmoothing, GpuMovingPoints, GridSettings, MlsMethod, MlsSettings,
+    MlsSmoothing, NeighborSearch, RebuildPolicy, TreeSearch, UniformGrid, Vec3,
 };
 
 use super::plane_fit::{self, FromLists};
@@ -45,6 +45,8 @@ pub struct Smoothed {
     pub mean_neighbors: f64,
     /// Where the points are.
     pub points: Vec<Vec3>,
+    /// Where they were after the first iteration; empty where it was not made apart.
+    pub first: Vec<Vec3>,
 }
 
 /// Smoothes with lists by a method.
@@ -55,8 +57,8 @@ pub fn with_lists(lab: &Lab, plug: &Plug, task: Task<'_>, mean_neighbors: f64) -
     if let Some(gpu) = lab.gpu().filter(|_| plug.on_gpu) {
         let fits = FromLists::new(gpu)?;
         // Kernels are made in a run that is not timed.
-        on_gpu(gpu, &fits, plug, Task { iterations: 1, ..task }, mean_neighbors)?;
-        on_gpu(gpu, &fits, plug, task, mean_neighbors)
+        let first = on_gpu(gpu, &fits, plug, Task { iterations: 1, ..task }, mean_neighbors)?.points;
+        Ok(Smoothed { first, ..on_gpu(gpu, &fits, plug, task, mean_neighbors)? })
     } else {
         on_cpu(plug, task, mean_neighbors)
     }
@@ -91,7 +93,15 @@ fn on_gpu(gpu: &Gpu, fits: &FromLists, plug: &Plug, task: Task<'_>, mean_neighbo
     let total = begin.elapsed().as_secs_f64();
     let (judged, mean_neighbors) = judge(Some(gpu), &lists, &read(&last)?, task.radius)?;
     let search = Some(1e3 * searching / iterations as f64);
-    Ok(Smoothed { iterations, total: 1e3 * total, search, judged: Some(judged), mean_neighbors, points })
+    Ok(Smoothed {
+        iterations,
+        total: 1e3 * total,
+        search,
+        judged: Some(judged),
+        mean_neighbors,
+        points,
+        first: Vec::new(),
+    })
 }
 
 fn on_cpu(plug: &Plug, task: Task<'_>, mean_neighbors: f64) -> Result<Smoothed> {
@@ -120,7 +130,15 @@ fn on_cpu(plug: &Plug, task: Task<'_>, mean_neighbors: f64) -> Result<Smoothed> 
     let total = begin.elapsed().as_secs_f64();
     let (judged, mean_neighbors) = judge(None, &lists, &last.host, task.radius)?;
     let search = Some(1e3 * searching / iterations as f64);
-    Ok(Smoothed { iterations, total: 1e3 * total, search, judged: Some(judged), mean_neighbors, points: at.host })
+    Ok(Smoothed {
+        iterations,
+        total: 1e3 * total,
+        search,
+        judged: Some(judged),
+        mean_neighbors,
+        points: at.host,
+        first: Vec::new(),
+    })
 }
 
 fn judge(gpu: Option<&Gpu>, lists: &Found, points: &[Vec3], radius: f32) -> Result<(Judged, f64)> {
@@ -181,12 +199,12 @@ impl Fused {
         match (self, lab.gpu()) {
             (Self::OnCpu, _) => fused_on_cpu(task, &settings),
             (Self::Tree(search), Some(gpu)) => {
-                fused_on_tree(gpu, search, Task { iterations: 1, ..task }, &settings)?;
-                fused_on_tree(gpu, search, task, &settings)
+                let first = fused_on_tree(gpu, search, Task { iterations: 1, ..task }, &settings)?.points;
+                Ok(Smoothed { first, ..fused_on_tree(gpu, search, task, &settings)? })
             }
             (Self::FixedGrid(cells), Some(gpu)) if degree == 0 => {
-                fused_on_grid(gpu, cells, Task { iterations: 1, ..task })?;
-                fused_on_grid(gpu, cells, task)
+                let first = fused_on_grid(gpu, cells, Task { iterations: 1, ..task })?.points;
+                Ok(Smoothed { first, ..fused_on_grid(gpu, cells, task)? })
             }
             _ => {
                 let what = format!("{} with a height of degree {degree}", self.name());
@@ -203,7 +221,7 @@ fn fused_on_cpu(task: Task<'_>, settings: &MlsSettings) -> Result<Smoothed> {
     let (iterations, mean_neighbors) = iterate(task, begin, || Ok(smoothing.iterate()?.mean_neighbors))?;
     let points = smoothing.positions().iter().map(|p| Vec3::from_array(*p)).collect();
     let total = 1e3 * begin.elapsed().as_secs_f64();
-    Ok(Smoothed { iterations, total, search: None, judged: None, mean_neighbors, points })
+    Ok(Smoothed { iterations, total, search: None, judged: None, mean_neighbors, points, first: Vec::new() })
 }
 
 fn fused_on_tree(gpu: &Gpu, search: TreeSearch, task: Task<'_>, settings: &MlsSettings) -> Result<Smoothed> {
@@ -214,7 +232,7 @@ fn fused_on_tree(gpu: &Gpu, search: TreeSearch, task: Task<'_>, settings: &MlsSe
     let (iterations, mean_neighbors) = iterate(task, begin, || Ok(smoothing.iterate()?.mean_neighbors))?;
     let points = smoothing.points()?.positions;
     let total = 1e3 * begin.elapsed().as_secs_f64();
-    Ok(Smoothed { iterations, total, search: None, judged: None, mean_neighbors, points })
+    Ok(Smoothed { iterations, total, search: None, judged: None, mean_neighbors, points, first: Vec::new() })
 }
 
 fn fused_on_grid(gpu: &Gpu, cells: u32, task: Task<'_>) -> Result<Smoothed> {
@@ -229,7 +247,21 @@ fn fused_on_grid(gpu: &Gpu, cells: u32, task: Task<'_>) -> Result<Smoothed> {
     let points: Vec<Vec3> = gpu.read(&at)?.iter().map(|p| Vec3::new(p[0], p[1], p[2])).collect();
     let total = 1e3 * begin.elapsed().as_secs_f64();
     let mean_neighbors = Expected::of(&points, task.radius)?.mean();
-    Ok(Smoothed { iterations, total, search: None, judged: None, mean_neighbors, points })
+    Ok(Smoothed { iterations, total, search: None, judged: None, mean_neighbors, points, first: Vec::new() })
+}
+
+/// Points after one iteration on the CPU: planes from lists of a grid, higher degrees by the library.
+///
+/// # Errors
+/// As the grid and the smoothing.
+pub fn one_iteration(task: Task<'_>, degree: u8) -> Result<Vec<Vec3>> {
+    if degree == 0 {
+        let grid = UniformGrid::build(task.points, &GridSettings::for_radius(task.radius))?;
+        let lists = grid.list(&FixedRadius::new(task.radius))?;
+        return Ok(plane_fit::from_lists(task.points, task.radius, |i| lists.row(i)));
+    }
+    let settings = MlsSettings::new(MlsMethod::Pss { degree, plane: PlaneSearch::Fast });
+    Ok(fused_on_cpu(Task { iterations: 1, ..task }, &settings)?.points)
 }
 
 /// Iterations that were made, and what the last one returned.
