@@ -301,10 +301,10 @@ impl SurfaceArgs {
                 let mut device = "cpu".to_owned();
                 let there = on_gpu(&self.device, notes, |gpu| {
                     gpu.name().clone_into(&mut device);
-                    GpuMeshDistance::upload(gpu, &mesh)?.distance_field(&grid, &settings)?.read()
+                    GpuMeshDistance::upload(gpu, &mesh)?.distance_field(&grid, &settings)?.read_distances()
                 })?;
                 return match there {
-                    Some(field) => Ok((field.distances, device)),
+                    Some(distances) => Ok((distances, device)),
                     None => Ok((mesh.distance_field(&grid, &settings, watch)?.distances, "cpu".to_owned())),
                 };
             }
@@ -314,10 +314,10 @@ impl SurfaceArgs {
         let mut device = "cpu".to_owned();
         let there = on_gpu(&self.device, notes, |gpu| {
             gpu.name().clone_into(&mut device);
-            GpuOrientedSamples::build(gpu, &cloud.points, normals)?.distance_field(&grid, &settings)?.read()
+            GpuOrientedSamples::build(gpu, &cloud.points, normals)?.distance_field(&grid, &settings)?.read_distances()
         })?;
-        if let Some(field) = there {
-            return Ok((field.distances, device));
+        if let Some(distances) = there {
+            return Ok((distances, device));
         }
         let arrays = |vectors: &[Vec3]| vectors.iter().map(|v| v.to_array()).collect::<Vec<[f32; 3]>>();
         let samples = OrientedSamples::new(&arrays(&cloud.points), &arrays(normals))?;

@@ -75,13 +75,20 @@ impl GpuDistanceField {
         &self.stages
     }
 
+    /// Reads the distances back, half of the field's bytes.
+    ///
+    /// # Errors
+    /// As [`GpuDistanceField::read`].
+    pub fn read_distances(&self) -> Result<DistanceGrid> {
+        DistanceGrid::new(self.grid, bytemuck::allocation::cast_vec(self.gpu.read(&self.values)?))
+    }
+
     /// Reads the field back.
     ///
     /// # Errors
     /// `OutOfDeviceMemory` for staging memory, `OutOfMemory`, `DeviceLost`.
     pub fn read(&self) -> Result<DistanceField> {
-        let values = bytemuck::allocation::cast_vec(self.gpu.read(&self.values)?);
-        Ok(DistanceField { distances: DistanceGrid::new(self.grid, values)?, nearest: self.gpu.read(&self.nearest)? })
+        Ok(DistanceField { distances: self.read_distances()?, nearest: self.gpu.read(&self.nearest)? })
     }
 }
 
