@@ -1,6 +1,7 @@
 //! Distance fields of samples on a device, in `f32`.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::cpu::no_pseudonormals;
 use super::gpu_run::{GpuDistanceField, Run, Surface, pipeline};
@@ -37,13 +38,13 @@ impl GpuOrientedSamples {
     /// # Errors
     /// As [`OrientedSamples::new`] and [`GpuAabbTree::build`].
     pub fn build(gpu: &Gpu, points: &[Vec3], normals: &[Vec3]) -> Result<Self> {
-        let normals: Vec<[f32; 3]> = normals.iter().map(|n| n.to_array()).collect();
+        let normals: Vec<[f32; 3]> = normals.par_iter().map(|n| n.to_array()).collect();
         let normals = unit_normals(points.len(), &normals)?;
         let settings = AabbTreeSettings::DEFAULT.order(BuildOrder::Hilbert).bucket_size(LEAF);
         let tree = GpuAabbTree::build(gpu, points, &settings)?;
         let quad = |[x, y, z]: [f32; 3]| [x, y, z, 0.0];
-        let both = points.iter().zip(&normals).flat_map(|(p, &n)| [quad(p.to_array()), quad(n)]);
-        let samples = gpu.upload("oriented samples", &both.collect::<Vec<[f32; 4]>>())?;
+        let both = points.par_iter().zip(&normals).map(|(p, &n)| [quad(p.to_array()), quad(n)]);
+        let samples = gpu.upload("oriented samples", both.collect::<Vec<[[f32; 4]; 2]>>().as_flattened())?;
         let queries: Vec<Vec3> = places(points.len()).map(|place| points[place]).collect();
         let diagonal = f64::from(crate::parallel::reduce::bounds(points).diagonal());
         let spacing = measured_spacing(diagonal, queries.len(), |radius| {

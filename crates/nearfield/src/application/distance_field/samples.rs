@@ -1,5 +1,7 @@
 //! Oriented samples of a surface in a tree, ready for distances, on the CPU in either precision.
 
+use rayon::prelude::*;
+
 use crate::geometry::Scalar;
 use crate::geometry::vector::{Vector, normalized};
 use crate::structure::{AabbTreeN, AabbTreeNSettings};
@@ -90,13 +92,15 @@ pub(super) fn unit_normals<T: Scalar>(n: usize, normals: &[Vector<T>]) -> Result
         return Err(Error::LengthMismatch { what: "the normals", found, expected });
     }
     // In the wider type: squares of short normals would vanish.
-    let unit = |normal: &Vector<T>| normalized(normal.map(T::to_f64)).map(|n| n.map(T::of));
-    let made: Vec<Option<Vector<T>>> = normals.iter().map(unit).collect();
-    if let Some(first) = made.iter().position(Option::is_none) {
-        let without = made.iter().filter(|normal| normal.is_none()).count() as u64;
-        return Err(Error::NoNormals { points: n as u64, without, first: first as u64 });
+    let none = [T::ZERO; 3];
+    let unit = |normal: &Vector<T>| normalized(normal.map(T::to_f64)).map_or(none, |n| n.map(T::of));
+    let made: Vec<Vector<T>> = normals.par_iter().map(unit).collect();
+    let without = made.par_iter().filter(|normal| **normal == none).count() as u64;
+    if without > 0 {
+        let first = made.iter().position(|normal| *normal == none).unwrap_or(0) as u64;
+        return Err(Error::NoNormals { points: n as u64, without, first });
     }
-    Ok(made.into_iter().flatten().collect())
+    Ok(made)
 }
 
 /// Places of samples, evenly among `n`.

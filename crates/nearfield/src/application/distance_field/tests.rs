@@ -207,6 +207,21 @@ fn spheres_fitted_to_noise_are_nearer_than_planes() {
 }
 
 #[test]
+fn spheres_seen_from_afar_are_the_same_in_f32() {
+    // Many samples, so that those around the nearest are near each other and far from the node.
+    let settings = DistanceSettings::default().mode(DistanceMode::Apss).band(f64::INFINITY);
+    let (fine, wide) = (field_of::<f32>(60_000, 25, &settings), field_of::<f64>(60_000, 25, &settings));
+    let width = f64::from(fine.distances.grid().spacing());
+    let pairs = fine.distances.values().iter().zip(wide.distances.values()).zip(fine.nearest.iter().zip(&wide.nearest));
+    let same: Vec<f64> = pairs
+        .filter(|(_, (a, b))| a == b)
+        .map(|((&a, &b), _)| (f64::from(a) - f64::from(b)).abs() / width)
+        .collect();
+    let off = same.iter().filter(|off| **off > 1e-3).count();
+    assert!(same.len() > 5_000 && off <= same.len() / 1000, "{off} of {}", same.len());
+}
+
+#[test]
 fn winding_numbers_give_no_wrong_sign_away_from_the_surface() {
     let settings = DistanceSettings::default().sign(SignRule::WindingNumber);
     let field = field_of::<f32>(25_000, 65, &settings);

@@ -6,7 +6,7 @@ use super::DistanceMode;
 use super::samples::OrientedSamples;
 use crate::geometry::Scalar;
 use crate::geometry::algebraic_sphere::SphereSums;
-use crate::geometry::vector::{Vector, dot, scale, subtract};
+use crate::geometry::vector::{Vector, dot, subtract};
 
 /// Squared distances beyond that of the nearest, in σ², up to which samples count: weights below e^−12 do not.
 pub(super) const REACH: f64 = 12.0;
@@ -103,13 +103,14 @@ fn imls<T: Scalar>(samples: &OrientedSamples<T>, query: &Vector<T>, near: &Near<
 
 /// The distance from the sphere fitted with weights (1 − t/12)⁴.
 fn apss<T: Scalar>(samples: &OrientedSamples<T>, query: &Vector<T>, near: &Near<T>, sigma: T) -> T {
+    // From the nearest sample: beside a far query they would all be one place.
     let mut sums = SphereSums::default();
     around(samples, query, near, sigma, |offset, normal, t| {
         let inside = (T::ONE - t * T::of(1.0 / REACH)).larger(T::ZERO);
         let square = inside * inside;
-        sums.add(scale(offset, -T::ONE), normal, square * square);
+        sums.add(subtract(near.offset, offset), normal, square * square);
     });
-    let fitted = (sums.weights > T::ZERO).then(|| sums.sphere(T::ONE).distance([T::ZERO; 3])).flatten();
+    let fitted = (sums.weights > T::ZERO).then(|| sums.sphere(T::ONE).distance(near.offset)).flatten();
     fitted.unwrap_or_else(|| near.plane())
 }
 
