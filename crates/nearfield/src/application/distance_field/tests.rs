@@ -213,10 +213,8 @@ fn spheres_seen_from_afar_are_the_same_in_f32() {
     let (fine, wide) = (field_of::<f32>(60_000, 25, &settings), field_of::<f64>(60_000, 25, &settings));
     let width = f64::from(fine.distances.grid().spacing());
     let pairs = fine.distances.values().iter().zip(wide.distances.values()).zip(fine.nearest.iter().zip(&wide.nearest));
-    let same: Vec<f64> = pairs
-        .filter(|(_, (a, b))| a == b)
-        .map(|((&a, &b), _)| (f64::from(a) - f64::from(b)).abs() / width)
-        .collect();
+    let same: Vec<f64> =
+        pairs.filter(|(_, (a, b))| a == b).map(|((&a, &b), _)| (f64::from(a) - f64::from(b)).abs() / width).collect();
     let off = same.iter().filter(|off| **off > 1e-3).count();
     assert!(same.len() > 5_000 && off <= same.len() / 1000, "{off} of {}", same.len());
 }
