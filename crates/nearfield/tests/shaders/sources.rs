@@ -74,7 +74,7 @@ pub(crate) fn closure(modules: &Modules, root: &str, fills: &[(&str, &str)]) -> 
     reached
 }
 
-/// Every way to fill the open paths that a module needs. Visitors of masks go with traversals that give masks.
+/// Ways to fill the open paths that a module needs, each module among them. Visitors of masks go with traversals that give masks.
 pub(crate) fn fillings(modules: &Modules, root: &str) -> Vec<Vec<(&'static str, &'static str)>> {
     let own = closure(modules, root, &[]);
     let hit_visitors: Vec<_> = with_function(modules, "finish_ray").collect();
@@ -95,7 +95,13 @@ pub(crate) fn fillings(modules: &Modules, root: &str) -> Vec<Vec<(&'static str, 
         let traversals = with_function(modules, "traverse");
         let pairs = traversals.flat_map(|t| visitors.iter().map(move |&v| (t, v)));
         let fits = |t: &str, v: &str| !takes_masks(v) || conditions(source_of(modules, t)).contains(MASKS);
-        return pairs.filter(|(t, v)| fits(t, v)).map(|(t, v)| vec![(TRAVERSAL, t), (VISITOR, v)]).collect();
+        let fitting: Vec<_> = pairs.filter(|(t, v)| fits(t, v)).collect();
+        // Visitors of applications see the same from every traversal: one is enough. Those of queries go with all.
+        let is_first =
+            |t: &str, v: &str| fitting.iter().find(|(_, other)| *other == v).is_some_and(|(first, _)| *first == t);
+        let is_kept = |t: &str, v: &str| v.starts_with("package::query::") || is_first(t, v);
+        let kept = fitting.iter().filter(|(t, v)| is_kept(t, v));
+        return kept.map(|&(t, v)| vec![(TRAVERSAL, t), (VISITOR, v)]).collect();
     }
     if own.contains(VISITOR) {
         let fits = |v: &&str| !takes_masks(v) || own.iter().any(|m| conditions(source_of(modules, m)).contains(MASKS));
