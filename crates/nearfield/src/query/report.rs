@@ -50,11 +50,23 @@ impl From<&crate::structure::BuildStage> for Stage {
     }
 }
 
+impl Stage {
+    /// The time since `start`, by the host's clock.
+    pub(crate) fn on_host(name: &'static str, start: Instant) -> Self {
+        Self { name, milliseconds: start.elapsed().as_secs_f64() * 1e3, clock: Clock::Host }
+    }
+
+    /// A stage that the device has timed; `None` where it has no clock.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn on_device(time: &crate::gpu::StageTime) -> Option<Self> {
+        Some(Self { name: time.name, milliseconds: time.milliseconds?, clock: Clock::Device })
+    }
+}
+
 impl Report {
     /// Adds the time since `start` as a host stage.
     pub(crate) fn host_stage(&mut self, name: &'static str, start: Instant) {
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        self.stages.push(Stage { name, milliseconds, clock: Clock::Host });
+        self.stages.push(Stage::on_host(name, start));
     }
 
     /// Adds the times of stages from the `first` on to earlier ones of the same name and clock.

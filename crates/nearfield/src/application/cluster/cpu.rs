@@ -11,7 +11,7 @@ use crate::application::Watch;
 use crate::application::finite_points::{FinitePoints, positive};
 use crate::geometry::Scalar;
 use crate::geometry::vector::Vector;
-use crate::query::{Clock, Stage};
+use crate::query::Stage;
 use crate::structure::{AabbTreeN, AabbTreeNSettings};
 
 /// Points between two reports of how far it is.
@@ -70,18 +70,18 @@ fn of_points<T: Scalar>(points: &[Vector<T>], radius: T, min_points: u32, watch:
     let start = Instant::now();
     let finite = FinitePoints::of(points)?;
     let tree = AabbTreeN::build(finite.points(), &AabbTreeNSettings::default())?;
-    let mut stages = vec![stage("build", start)];
+    let mut stages = vec![Stage::on_host("build", start)];
     let search = Search { tree: &tree, radius };
     let start = Instant::now();
     let is_core = search.cores(min_points, watch)?;
-    stages.push(stage("core points", start));
+    stages.push(Stage::on_host("core points", start));
     let start = Instant::now();
     let mut roots = search.join(&is_core, watch)?;
-    stages.push(stage("join", start));
+    stages.push(Stage::on_host("join", start));
     let start = Instant::now();
     search.borders(&is_core, &mut roots, watch)?;
     let (labels, n_clusters) = labels::number(&roots, &is_core)?;
-    stages.push(stage("borders and labels", start));
+    stages.push(Stage::on_host("borders and labels", start));
     Ok(Clusters {
         labels: finite.spread(labels, Clusters::NONE),
         is_core: finite.spread(is_core, false),
@@ -90,10 +90,6 @@ fn of_points<T: Scalar>(points: &[Vector<T>], radius: T, min_points: u32, watch:
         stages,
         ..Clusters::default()
     })
-}
-
-fn stage(name: &'static str, start: Instant) -> Stage {
-    Stage { name, milliseconds: start.elapsed().as_secs_f64() * 1e3, clock: Clock::Host }
 }
 
 /// A tree and how far points of it look.

@@ -16,7 +16,7 @@ use crate::application::Watch;
 use crate::application::finite_points::{FinitePoints, positive};
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, StageTime, Workgroups};
 use crate::parallel::scan::GpuScan;
-use crate::query::{Clock, DeviceQueries, Stage, VisitorModule, record_module};
+use crate::query::{DeviceQueries, Stage, VisitorModule, record_module};
 use crate::structure::{GpuStructure, GpuUniformGrid, GridSettings};
 
 /// Invocations of a workgroup of the kernels here.
@@ -79,7 +79,7 @@ fn of_points(gpu: &Gpu, points: &[Vec3], radius: f32, min_points: u32, watch: &m
     let found = GpuClusters::of(&grid, radius, min_points, watch)?;
     let start = Instant::now();
     let (labels, is_core) = found.read(gpu)?;
-    let read = Stage { name: "read back", milliseconds: start.elapsed().as_secs_f64() * 1e3, clock: Clock::Host };
+    let read = Stage::on_host("read back", start);
     let stages = grid.build_stages().iter().map(Stage::from).chain(found.stages).chain([read]).collect();
     Ok(Clusters {
         labels: finite.spread(labels, Clusters::NONE),
@@ -200,9 +200,7 @@ fn pipeline(gpu: &Gpu, entry: &'static str, bindings: &[Access]) -> Result<Arc<P
 
 /// Adds stages that the device has timed.
 fn add(stages: &mut Vec<Stage>, times: &[StageTime]) {
-    let timed =
-        |time: &StageTime| Some(Stage { name: time.name, milliseconds: time.milliseconds?, clock: Clock::Device });
-    stages.extend(times.iter().filter_map(timed));
+    stages.extend(times.iter().filter_map(Stage::on_device));
 }
 
 impl<S: GpuStructure> Passes<'_, S> {

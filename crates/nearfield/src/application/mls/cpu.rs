@@ -1,8 +1,6 @@
 //! One iteration on the CPU: the points side by side, in the order of the tree. `conclude.wesl` is the twin of what is done with a
 //! fit.
 
-use std::time::Instant;
-
 use rayon::prelude::*;
 
 use super::cloud::{Cloud, Fitted, Query};
@@ -14,7 +12,7 @@ use super::{apss, bilateral, jet, pss, rimls};
 use crate::application::PointFlags;
 use crate::geometry::Scalar;
 use crate::geometry::vector::{self, Vector};
-use crate::query::{Clock, NearestFew, Stage};
+use crate::query::NearestFew;
 use crate::structure::AabbTreeN;
 use crate::{Error, Result};
 
@@ -294,11 +292,6 @@ pub(super) fn projects_the_origin(method: &MlsMethod) -> bool {
         MlsMethod::Apss { .. } | MlsMethod::Jet => true,
         MlsMethod::Rimls { .. } | MlsMethod::Bilateral { .. } => false,
     }
-}
-
-/// The time since `start` as a stage by the host's clock.
-pub(super) fn stage(name: &'static str, start: Instant) -> Stage {
-    Stage { name, milliseconds: start.elapsed().as_secs_f64() * 1e3, clock: Clock::Host }
 }
 
 #[cfg(test)]

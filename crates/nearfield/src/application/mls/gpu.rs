@@ -10,14 +10,14 @@ use std::time::Instant;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use super::cpu::{projects_the_origin, stage};
+use super::cpu::projects_the_origin;
 use super::report::Sums;
 use super::settings::{MlsMethod, MlsSettings, PlaneSearch};
 use super::{bilateral, pss, rimls};
 use crate::Result;
 use crate::application::PointFlags;
 use crate::gpu::{Access, Bind, Buffer, Gpu, Kernel, Pipeline, StageTime, Workgroups};
-use crate::query::{Clock, DeviceQueries, Stage, VisitorModule, record_module};
+use crate::query::{DeviceQueries, Stage, VisitorModule, record_module};
 use crate::structure::{DevicePoint, GpuStructure};
 
 /// Invocations of a workgroup of the kernels here.
@@ -345,7 +345,7 @@ impl DeviceFits {
                 flagged: part.flagged.map(u64::from),
             });
         }
-        stages.push(stage("read back", start));
+        stages.push(Stage::on_host("read back", start));
         Ok(sums)
     }
 
@@ -377,9 +377,7 @@ impl DeviceFits {
 
 /// Adds stages timed by the device's clock; a device without one has none.
 pub(super) fn add_device_stages(stages: &mut Vec<Stage>, times: &[StageTime]) {
-    let timed =
-        |time: &StageTime| Some(Stage { name: time.name, milliseconds: time.milliseconds?, clock: Clock::Device });
-    stages.extend(times.iter().filter_map(timed));
+    stages.extend(times.iter().filter_map(Stage::on_device));
 }
 
 /// Points, read back: where they are, their normals, what was said of them.

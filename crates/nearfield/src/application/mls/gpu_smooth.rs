@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::MlsReport;
 use super::bilateral;
-use super::cpu::{self, KeptSupport, stage};
+use super::cpu::{self, KeptSupport};
 use super::gpu::{DeviceFits, Ending, MlsPoints, PointPlace, Searches, add_device_stages};
 use super::settings::{MlsMethod, MlsSettings, Support};
 use crate::Result;
@@ -177,7 +177,7 @@ impl GpuMlsSmoothing {
         commands.dispatch(&self.kth_distance, &binds, Workgroups::Covering(tree.len() as u64));
         add_device_stages(stages, &commands.run()?);
         let largest = gpu.read(&radii)?.into_iter().fold(0.0, f32::max);
-        stages.push(stage("nearest", start));
+        stages.push(Stage::on_host("nearest", start));
         Ok((radii, largest))
     }
 

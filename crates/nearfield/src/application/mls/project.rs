@@ -11,6 +11,7 @@ use crate::Result;
 use crate::application::{Length, PointFlags, Watch};
 use crate::geometry::Scalar;
 use crate::geometry::vector::Vector;
+use crate::query::Stage;
 use crate::structure::AabbTreeN;
 
 /// Roundings of the largest coordinate below which a move is none.
@@ -106,7 +107,7 @@ impl<'a, T: Scalar> MlsProjection<'a, T> {
             _ => None,
         };
         if found.is_some() {
-            stages.push(cpu::stage("nearest", start));
+            stages.push(Stage::on_host("nearest", start));
         }
         let (radii, falloff) = radii(&self.support, found.as_deref(), &self.settings);
         let fit_start = Instant::now();
@@ -122,7 +123,7 @@ impl<'a, T: Scalar> MlsProjection<'a, T> {
         let arrival = Some((self.accuracy, is_last));
         let iteration = Iteration { settings: &self.settings, center: self.center, arrival };
         let sums = self.points.advance(&cloud, &self.order, (&radii, falloff), &iteration);
-        stages.push(cpu::stage("fit", fit_start));
+        stages.push(Stage::on_host("fit", fit_start));
         let oriented = self.sample_normals.is_some();
         Ok(sums.report(self.iterations, oriented, stages, start.elapsed().as_secs_f64() * 1e3))
     }

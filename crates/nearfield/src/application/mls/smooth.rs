@@ -11,6 +11,7 @@ use crate::Result;
 use crate::application::PointFlags;
 use crate::geometry::Scalar;
 use crate::geometry::vector::Vector;
+use crate::query::Stage;
 use crate::structure::{AabbTreeN, AabbTreeNSettings};
 
 /// Points that smooth themselves, iteration by iteration, as in Xing2017: a diffusion. Planes shrink what they smooth; spheres and
@@ -92,7 +93,7 @@ impl<T: Scalar> MlsSmoothing<T> {
             _ => None,
         };
         if found.is_some() {
-            stages.push(cpu::stage("nearest", start));
+            stages.push(Stage::on_host("nearest", start));
         }
         let (radii, falloff) = radii(&self.support, found.as_deref(), &self.settings);
         let fit_start = Instant::now();
@@ -109,14 +110,14 @@ impl<T: Scalar> MlsSmoothing<T> {
         self.points.origins.copy_from_slice(&self.samples);
         let iteration = Iteration { settings: &self.settings, center: self.center, arrival: None };
         let sums = self.points.advance(&cloud, order, (&radii, falloff), &iteration);
-        stages.push(cpu::stage("fit", fit_start));
+        stages.push(Stage::on_host("fit", fit_start));
         let refit_start = Instant::now();
         if let Err(error) = self.tree.refit(&self.points.positions) {
             self.points.positions.copy_from_slice(&self.samples);
             return Err(error);
         }
         self.samples.copy_from_slice(&self.points.positions);
-        stages.push(cpu::stage("refit", refit_start));
+        stages.push(Stage::on_host("refit", refit_start));
         self.iterations += 1;
         Ok(sums.report(self.iterations, self.oriented, stages, start.elapsed().as_secs_f64() * 1e3))
     }

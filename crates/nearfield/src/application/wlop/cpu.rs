@@ -16,7 +16,7 @@ use crate::Result;
 use crate::application::Watch;
 use crate::geometry::Scalar;
 use crate::geometry::vector::{self, Vector};
-use crate::query::{Clock, Stage};
+use crate::query::Stage;
 use crate::structure::{AabbTreeN, AabbTreeNSettings};
 
 /// Samples of a task, and points of one.
@@ -118,13 +118,13 @@ impl<'a, T: Scalar> Wlop<'a, T> {
     pub fn iterate(&mut self) -> Result<WlopReport> {
         let start = Instant::now();
         let weights = densities(&self.tree, &self.formula.samples, self.radius, 0..self.positions.len());
-        let mut stages = vec![stage("sample weights", start)];
+        let mut stages = vec![Stage::on_host("sample weights", start)];
         let moves_start = Instant::now();
         let mover = Mover::new(self, &weights);
         let places = 0..self.positions.len();
         let outcomes: Vec<Outcome<T>> =
             places.into_par_iter().with_min_len(TASK).map(|place| mover.outcome(place)).collect();
-        stages.push(stage("moves", moves_start));
+        stages.push(Stage::on_host("moves", moves_start));
         let refit_start = Instant::now();
         let mut moved = vec![[T::ZERO; 3]; outcomes.len()];
         let ids = self.tree.ordered_points().ids();
@@ -141,7 +141,7 @@ impl<'a, T: Scalar> Wlop<'a, T> {
         }
         self.tree.refit(&moved)?;
         (self.positions, self.around) = (moved, around);
-        stages.push(stage("refit", refit_start));
+        stages.push(Stage::on_host("refit", refit_start));
         self.iterations += 1;
         let n = self.positions.len();
         let report = sums.report(self.iterations, n, stages, start.elapsed().as_secs_f64() * 1e3);
@@ -331,9 +331,4 @@ fn densities<T: Scalar>(tree: &AabbTreeN<T, 3>, density: &Density, radius: T, pl
         density.result.of(sum)
     };
     places.into_par_iter().with_min_len(TASK).map(weight).collect()
-}
-
-/// The time since `start` as a stage by the host's clock.
-pub(super) fn stage(name: &'static str, start: Instant) -> Stage {
-    Stage { name, milliseconds: start.elapsed().as_secs_f64() * 1e3, clock: Clock::Host }
 }

@@ -14,7 +14,7 @@ use super::{WlopReport, WlopSamples, WlopSettings, WlopStart};
 use crate::Result;
 use crate::application::Watch;
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, StageTime, Workgroups};
-use crate::query::{Clock, DeviceQueries, Stage, VisitorModule, record_module};
+use crate::query::{DeviceQueries, Stage, VisitorModule, record_module};
 use crate::structure::{
     AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BuildOrder, DevicePoint, GpuAabbTree, GpuStructure,
 };
@@ -317,7 +317,5 @@ fn visit(
 
 /// Stages timed by the device's clock; a device without one has none.
 fn stages(times: &[StageTime]) -> Vec<Stage> {
-    let timed =
-        |time: &StageTime| Some(Stage { name: time.name, milliseconds: time.milliseconds?, clock: Clock::Device });
-    times.iter().filter_map(timed).collect()
+    times.iter().filter_map(Stage::on_device).collect()
 }
