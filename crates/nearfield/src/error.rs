@@ -111,6 +111,24 @@ pub enum Error {
         first: u64,
     },
 
+    /// A simulation that left what can be simulated.
+    #[error(
+        "step {step} left particle {particle} at {position:?} with speed {speed:e} (limit {limit:e}); use a shorter time step, softer forces \
+         or a higher limit. The state before is kept"
+    )]
+    BlowUp {
+        /// Number of the step.
+        step: u64,
+        /// Index of the first such particle in the scene.
+        particle: u64,
+        /// Where it is.
+        position: [f64; 3],
+        /// How fast it moves.
+        speed: f64,
+        /// The highest speed that is allowed.
+        limit: f64,
+    },
+
     /// A computation that its caller has ended.
     #[error("interrupted at {stage}, after {done} of {total}; start it again for the whole answer")]
     Interrupted {

@@ -12,6 +12,7 @@ pub mod mls;
 pub mod normals;
 mod offset;
 pub mod outliers;
+pub mod particles;
 pub mod path_trace;
 mod point_flags;
 mod watch;

@@ -18,6 +18,7 @@ mod gpu;
 #[cfg(feature = "gpu")]
 mod index;
 mod knn;
+mod map_rows;
 mod neighbors;
 #[cfg(feature = "gpu")]
 mod occupancy;
@@ -54,6 +55,7 @@ pub(crate) use gpu::{VisitorModule, record_module, visit_nearest};
 #[cfg(feature = "gpu")]
 pub use index::{Index, IndexSettings};
 pub use knn::{Knn, KnnSearch, NearestNeighbors};
+pub use map_rows::MapRows;
 pub use neighbors::{Counts, CutRow, Nearest, Neighbor, NeighborRows, Neighbors, Summary};
 #[cfg(feature = "gpu")]
 pub use ray_cast::{DeviceRays, RaysOnDevice};

@@ -60,7 +60,7 @@ impl RebuildPolicy {
     ///
     /// # Errors
     /// `InvalidSetting` for a limit below 1 or NaN.
-    pub(super) fn validate(self) -> Result<()> {
+    pub fn validate(self) -> Result<()> {
         match self {
             Self::VolumeRatio { limit } if limit.is_nan() || limit < 1.0 => Err(Error::InvalidSetting {
                 setting: "limit of the volume ratio",

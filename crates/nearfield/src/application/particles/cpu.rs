@@ -1,0 +1,197 @@
+//! A simulation on the CPU, in double precision.
+
+use rayon::prelude::*;
+
+use super::dem::CpuDem;
+use super::neighborhood::Neighborhood;
+use super::simulate::same_particles;
+use super::state::State;
+use super::{Measures, ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
+use crate::application::Watch;
+use crate::{Error, Result};
+
+/// What a model on the CPU does.
+pub(super) trait CpuModel: Send + Sync {
+    /// Makes one step. The structures follow the positions when the model says so.
+    ///
+    /// - `step`: how far it leads; a model with a rule for stability was asked before
+    fn step(&mut self, state: &mut State, around: &mut Neighborhood, step: f64) -> Result<StepDone>;
+
+    /// The longest stable step as the particles are now; infinite for models without such a rule.
+    fn stable_step(&self, _state: &State) -> f64 {
+        f64::INFINITY
+    }
+}
+
+/// What a step has done.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct StepDone {
+    /// How far it led.
+    pub(super) step: f64,
+    /// Pairs that act on each other, both ways counted.
+    pub(super) neighbors: u64,
+    /// Iterations of solvers.
+    pub(super) iterations: u32,
+    /// Mean and largest compression of a fluid, in parts of its rest density.
+    pub(super) density_error: [f64; 2],
+}
+
+/// A simulation on the CPU, in double precision.
+pub struct Simulation {
+    scene: ParticleScene,
+    settings: SimulationSettings,
+    state: State,
+    /// What there was before the step that is under way.
+    last_good: State,
+    around: Neighborhood,
+    model: Box<dyn CpuModel>,
+    step: u64,
+    time: f64,
+    last: StepDone,
+}
+
+impl Simulation {
+    /// A simulation of the scene from its start.
+    ///
+    /// # Errors
+    /// As [`ParticleScene::validate`] and [`SimulationSettings::validate`].
+    pub fn new(scene: &ParticleScene, settings: &SimulationSettings) -> Result<Self> {
+        scene.validate()?;
+        settings.validate()?;
+        let (n_classes, reach) = reach_of(&scene.model);
+        let state = State::new(scene, n_classes);
+        let mut classes = state.classes.clone();
+        if let Some(last) = classes.last_mut() {
+            last.end = state.positions.len();
+        }
+        let around = Neighborhood::new(settings.search, settings.deterministic, scene.domain, classes, reach);
+        let model: Box<dyn CpuModel> = match &scene.model {
+            ParticleModel::Dem(dem) => Box::new(CpuDem::new(dem, scene)),
+            other => return Err(Error::Unsupported { what: other.name().to_owned(), advice: "" }),
+        };
+        Ok(Self {
+            scene: scene.clone(),
+            settings: *settings,
+            last_good: state.clone(),
+            state,
+            around,
+            model,
+            step: 0,
+            time: 0.0,
+            last: StepDone::default(),
+        })
+    }
+
+    fn make_step(&mut self) -> Result<StepReport> {
+        let every = u64::from(self.settings.reorder_every);
+        if every > 0 && self.step.is_multiple_of(every) {
+            self.state.reorder()?;
+            self.around.forget();
+        }
+        self.last_good.clone_from(&self.state);
+        let step = match self.scene.time_step {
+            TimeStep::Fixed(step) => step,
+            TimeStep::Cfl { factor, least, most } => (factor * self.model.stable_step(&self.state)).clamp(least, most),
+        };
+        let before = self.around.rebuilds();
+        let done =
+            self.model.step(&mut self.state, &mut self.around, step).and_then(|done| self.check().map(|()| done));
+        let done = done.inspect_err(|_| {
+            self.state.clone_from(&self.last_good);
+            self.around.forget();
+        })?;
+        self.step += 1;
+        self.time += done.step;
+        self.last = done;
+        let rebuilds = self.around.rebuilds() - before;
+        let n = self.state.n_moving().max(1) as f64;
+        Ok(StepReport {
+            step: self.step,
+            time: self.time,
+            time_step: done.step,
+            mean_neighbors: done.neighbors as f64 / n,
+            iterations: done.iterations,
+            density_error: done.density_error,
+            rebuilds: rebuilds as u32,
+        })
+    }
+
+    /// Whether all particles are where they can be, and slow enough.
+    fn check(&self) -> Result<()> {
+        let limit2 = self.settings.max_speed * self.settings.max_speed;
+        let is_bad = |&i: &usize| {
+            let (position, velocity) = (self.state.positions[i], self.state.velocities[i]);
+            !(position.is_finite() && velocity.is_finite() && velocity.length_squared() <= limit2)
+        };
+        let Some(place) = (0..self.state.n_moving()).into_par_iter().filter(is_bad).min_by_key(|&i| self.state.ids[i])
+        else {
+            return Ok(());
+        };
+        Err(Error::BlowUp {
+            step: self.step + 1,
+            particle: self.state.ids[place].into(),
+            position: self.state.positions[place].to_array(),
+            speed: self.state.velocities[place].length(),
+            limit: self.settings.max_speed,
+        })
+    }
+}
+
+/// Number of classes, and the distance within which particles of one act on those of another.
+pub(super) fn reach_of(model: &ParticleModel) -> (usize, Vec<Vec<f64>>) {
+    match model {
+        ParticleModel::Dem(dem) => {
+            let reach = |&own: &f64| dem.radii.iter().map(|&other| dem.pair_rule.reach(own, other)).collect();
+            (dem.radii.len(), dem.radii.iter().map(reach).collect())
+        }
+        fluid => (1, vec![vec![fluid.largest_reach()]]),
+    }
+}
+
+impl Simulate for Simulation {
+    fn scene(&self) -> &ParticleScene {
+        &self.scene
+    }
+
+    fn device(&self) -> String {
+        format!("cpu ({} threads)", rayon::current_num_threads())
+    }
+
+    fn advance(&mut self, steps: u32, watch: &mut Watch<'_>) -> Result<Vec<StepReport>> {
+        let mut reports = Vec::with_capacity(steps as usize);
+        for done in 0..steps {
+            watch.report("simulating", done.into(), steps.into())?;
+            reports.push(self.make_step()?);
+        }
+        Ok(reports)
+    }
+
+    fn step(&self) -> u64 {
+        self.step
+    }
+
+    fn time(&self) -> f64 {
+        self.time
+    }
+
+    fn particles(&self) -> Result<Particles> {
+        Ok(self.state.particles())
+    }
+
+    fn measure(&self) -> Result<Measures> {
+        let particles = self.state.particles();
+        Ok(Measures::of(&self.scene, &particles))
+    }
+
+    fn resume(&mut self, particles: &Particles, step: u64, time: f64) -> Result<()> {
+        let mut scene = self.scene.clone();
+        scene.particles.clone_from(particles);
+        scene.validate()?;
+        same_particles(&self.scene.particles, particles)?;
+        self.state = State::new(&scene, self.state.classes.len());
+        self.last_good.clone_from(&self.state);
+        self.around.forget();
+        (self.step, self.time) = (step, time);
+        Ok(())
+    }
+}

@@ -1,0 +1,52 @@
+//! Divergence-free smoothed particle hydrodynamics (Bender2017).
+
+use super::Fluid;
+use super::SmoothingKernel;
+use super::scene::{not_negative, positive};
+use crate::{Error, Result};
+
+/// Of incompressible fluids.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DfsphSettings {
+    /// The fluid.
+    pub fluid: Fluid,
+    /// How neighbours count.
+    pub smoothing: SmoothingKernel,
+    /// Mean compression that ends the iterations of a step, in parts of the rest density.
+    pub density_tolerance: f64,
+    /// Mean rate of compression over a step that ends the iterations for a field without divergence, in parts of the rest density.
+    pub divergence_tolerance: f64,
+    /// Most iterations of each solver.
+    pub most_iterations: u32,
+    /// ν of the laminar viscosity, 0 for none.
+    pub viscosity: f64,
+    /// c of the XSPH viscosity, 0 for none.
+    pub xsph: f64,
+}
+
+impl DfsphSettings {
+    /// A mean compression of 0.01 %, a mean divergence of 0.1 %, at most 100 iterations.
+    pub fn new(fluid: Fluid) -> Self {
+        Self {
+            fluid,
+            smoothing: SmoothingKernel::CubicSpline,
+            density_tolerance: 1e-4,
+            divergence_tolerance: 1e-3,
+            most_iterations: 100,
+            viscosity: 0.0,
+            xsph: 0.0,
+        }
+    }
+
+    pub(super) fn validate(&self) -> Result<()> {
+        self.fluid.validate()?;
+        positive("tolerance of the density", self.density_tolerance)?;
+        positive("tolerance of the divergence", self.divergence_tolerance)?;
+        not_negative("viscosity", self.viscosity)?;
+        not_negative("XSPH viscosity", self.xsph)?;
+        if self.most_iterations > 0 {
+            return Ok(());
+        }
+        Err(Error::InvalidSetting { setting: "most iterations", found: "0".to_owned(), expected: "1 or more" })
+    }
+}

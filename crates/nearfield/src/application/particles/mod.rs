@@ -1,0 +1,46 @@
+//! Particles that move and act on their neighbours: grains and fluids, on the CPU in double precision and on the GPU without leaving it.
+//!
+//! A [`ParticleScene`] says what there is and by which laws it moves, [`SimulationSettings`] how that is computed: the neighbours of each step are
+//! found by any [`ParticleSearch`], and no list of them is made unless the search is one. [`Simulation`] runs on the CPU, `GpuSimulation`
+//! on a device; both are a [`Simulate`].
+//!
+//! ```
+//! use nearfield::application::Watch;
+//! use nearfield::application::particles::{Simulate, Simulation, SimulationSettings, builtin_scene};
+//!
+//! let scene = builtin_scene("dem-box", &Default::default())?;
+//! let mut simulation = Simulation::new(&scene, &SimulationSettings::default())?;
+//! let reports = simulation.advance(3, &mut Watch::none())?;
+//! assert!(reports[2].mean_neighbors > 1.0);
+//! assert!(simulation.measure()?.mean_position.y < 0.0);
+//! # Ok::<(), nearfield::Error>(())
+//! ```
+//!
+//! Sources: Green2010 (grains), Macklin2013 (position-based fluids), Becker2007 and Bender2017 (smoothed particle hydrodynamics),
+//! Akinci2012 (boundaries), Xing2017 §5.2 and §7 (what is measured).
+
+mod cpu;
+mod dem;
+mod dfsph;
+mod fluid;
+mod measures;
+mod neighborhood;
+mod pbf;
+mod scene;
+mod scenes;
+mod search;
+mod simulate;
+mod state;
+mod wcsph;
+
+pub use cpu::Simulation;
+pub use dem::{Collider, DemSettings, PairRule};
+pub use dfsph::DfsphSettings;
+pub use fluid::{Fluid, SmoothingKernel};
+pub use measures::Measures;
+pub use pbf::PbfSettings;
+pub use scene::{Dimensions, MOST_CLASSES, ParticleModel, ParticleScene, Particles, TimeStep};
+pub use scenes::{BuiltinOptions, builtin_names, builtin_scene};
+pub use search::{ParticleSearch, SimulationSettings};
+pub use simulate::{Simulate, StepReport};
+pub use wcsph::WcsphSettings;

@@ -1,0 +1,271 @@
+//! What a simulation starts from: particles, walls, forces and the laws by which they move.
+
+use glam::DVec3;
+
+use super::{DemSettings, DfsphSettings, PbfSettings, WcsphSettings};
+use crate::{Error, Result};
+
+/// Largest number of classes of radii.
+pub const MOST_CLASSES: usize = 8;
+
+/// A problem to simulate, wherever that is done. All numbers are in one set of units of the caller's choice.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParticleScene {
+    /// A short name in lower case with hyphens.
+    pub name: String,
+    /// Dimensions: 3, or 2 for scenes in the plane z = 0.
+    pub dimensions: Dimensions,
+    /// The space that is simulated. Its faces are walls for `dem` and `pbf`; a particle of a fluid that leaves it ends the simulation.
+    pub domain: [DVec3; 2],
+    /// Acceleration of all particles.
+    pub gravity: DVec3,
+    /// What moves.
+    pub particles: Particles,
+    /// `[b]` particles of solid bodies and walls around a fluid, which do not move. Models without a fluid have none.
+    pub boundary: Vec<DVec3>,
+    /// The laws.
+    pub model: ParticleModel,
+    /// How far a step leads.
+    pub time_step: TimeStep,
+}
+
+/// Two or three dimensions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Dimensions {
+    /// The plane z = 0.
+    Two,
+    /// Space.
+    #[default]
+    Three,
+}
+
+/// Particles by index, in the order of the caller.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Particles {
+    /// `[n]` where they are.
+    pub positions: Vec<DVec3>,
+    /// `[n]` how fast they move.
+    pub velocities: Vec<DVec3>,
+    /// `[n]` the class of each, below [`MOST_CLASSES`]: its radius is that of the class. All 0 for fluids.
+    pub classes: Vec<u8>,
+    /// `[n]` densities of a fluid, in its unit; empty for other models and before the first step.
+    pub densities: Vec<f64>,
+}
+
+/// By which laws particles move.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ParticleModel {
+    /// Grains that push each other: a discrete element method.
+    Dem(DemSettings),
+    /// Position-based fluids.
+    Pbf(PbfSettings),
+    /// Weakly compressible smoothed particle hydrodynamics.
+    Wcsph(WcsphSettings),
+    /// Divergence-free smoothed particle hydrodynamics.
+    Dfsph(DfsphSettings),
+}
+
+/// How far a step leads.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum TimeStep {
+    /// Always as far.
+    Fixed(f64),
+    /// As the model's rule for stability allows, between two bounds.
+    Cfl {
+        /// Part of the largest stable step; of the order 0.2 to 0.5.
+        factor: f64,
+        /// The shortest step.
+        least: f64,
+        /// The longest step.
+        most: f64,
+    },
+}
+
+impl Dimensions {
+    /// 2 or 3.
+    pub fn number(self) -> u32 {
+        match self {
+            Self::Two => 2,
+            Self::Three => 3,
+        }
+    }
+}
+
+impl Particles {
+    /// Particles of class 0 at rest.
+    pub fn at_rest(positions: Vec<DVec3>) -> Self {
+        let n = positions.len();
+        Self { positions, velocities: vec![DVec3::ZERO; n], classes: vec![0; n], densities: Vec::new() }
+    }
+
+    /// Number of particles.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Adds those of another set.
+    pub fn extend(&mut self, other: Self) {
+        self.positions.extend(other.positions);
+        self.velocities.extend(other.velocities);
+        self.classes.extend(other.classes);
+        self.densities.extend(other.densities);
+    }
+}
+
+impl ParticleModel {
+    /// Its name: "dem", "pbf", "wcsph", "dfsph".
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Dem(_) => "dem",
+            Self::Pbf(_) => "pbf",
+            Self::Wcsph(_) => "wcsph",
+            Self::Dfsph(_) => "dfsph",
+        }
+    }
+
+    /// Whether the particles are parts of a fluid.
+    pub fn is_fluid(&self) -> bool {
+        !matches!(self, Self::Dem(_))
+    }
+
+    /// The distance within which particles act on each other, at most.
+    pub fn largest_reach(&self) -> f64 {
+        match self {
+            Self::Dem(dem) => dem.largest_reach(),
+            Self::Pbf(pbf) => pbf.fluid.support,
+            Self::Wcsph(wcsph) => wcsph.fluid.support,
+            Self::Dfsph(dfsph) => dfsph.fluid.support,
+        }
+    }
+
+    fn validate(&self) -> Result<()> {
+        match self {
+            Self::Dem(dem) => dem.validate(),
+            Self::Pbf(pbf) => pbf.validate(),
+            Self::Wcsph(wcsph) => wcsph.validate(),
+            Self::Dfsph(dfsph) => dfsph.validate(),
+        }
+    }
+}
+
+impl TimeStep {
+    /// # Errors
+    /// `InvalidSetting` for steps that are not positive numbers, or bounds in the wrong order.
+    pub fn validate(self) -> Result<()> {
+        match self {
+            Self::Fixed(step) => positive("time step", step),
+            Self::Cfl { factor, least, most } => {
+                positive("part of the largest stable step", factor)?;
+                positive("shortest time step", least)?;
+                positive("longest time step", most)?;
+                let found = format!("{least} to {most}");
+                let expected = "the shortest step first";
+                (least <= most).then_some(()).ok_or(Error::InvalidSetting { setting: "time steps", found, expected })
+            }
+        }
+    }
+
+    /// The longest step.
+    pub fn most(self) -> f64 {
+        match self {
+            Self::Fixed(step) => step,
+            Self::Cfl { most, .. } => most,
+        }
+    }
+}
+
+impl ParticleScene {
+    /// Checks everything that can be checked before the first step.
+    ///
+    /// # Errors
+    /// `InvalidSetting` for the settings of the model, steps, an empty domain, a class without a radius, a boundary where the model has
+    /// none, a scene in the plane that is not; `LengthMismatch` for arrays of different lengths; `NonFinite` and `OutsideDomain` for
+    /// particles.
+    pub fn validate(&self) -> Result<()> {
+        self.time_step.validate()?;
+        self.model.validate()?;
+        let [low, high] = self.domain;
+        let invalid = |setting, found: String, expected| Err(Error::InvalidSetting { setting, found, expected });
+        let flat = self.dimensions == Dimensions::Two;
+        let size = high - low;
+        let is_empty = !(size.x > 0.0 && size.y > 0.0 && (flat || size.z > 0.0) && size.is_finite());
+        if is_empty {
+            return invalid("domain", format!("{low} to {high}"), "a box with a finite, positive size");
+        }
+        if !self.gravity.is_finite() {
+            return invalid("gravity", self.gravity.to_string(), "three finite numbers");
+        }
+        let (n, moving) = (self.particles.len(), &self.particles);
+        same_length("velocities of particles", moving.velocities.len(), n)?;
+        same_length("classes of particles", moving.classes.len(), n)?;
+        finite("positions of particles", &moving.positions)?;
+        finite("velocities of particles", &moving.velocities)?;
+        finite("positions of the boundary", &self.boundary)?;
+        if !self.model.is_fluid() && !self.boundary.is_empty() {
+            return invalid(
+                "boundary",
+                format!("{} particles", self.boundary.len()),
+                "none, for a model without a fluid",
+            );
+        }
+        let n_classes = match &self.model {
+            ParticleModel::Dem(dem) => dem.radii.len(),
+            _ => 1,
+        };
+        if let Some(class) = moving.classes.iter().find(|&&class| usize::from(class) >= n_classes) {
+            return invalid("class of a particle", class.to_string(), "a class that has a radius");
+        }
+        let is_off_plane = |p: &DVec3| p.z != 0.0;
+        if flat && moving.positions.iter().chain(&moving.velocities).chain(&self.boundary).any(is_off_plane) {
+            return invalid("dimensions", "2".to_owned(), "3, or particles with z = 0 that stay there");
+        }
+        if flat && self.gravity.z != 0.0 {
+            return invalid("gravity", self.gravity.to_string(), "one in the plane z = 0");
+        }
+        let is_outside = |p: &DVec3| p.cmplt(low).any() || p.cmpgt(high).any();
+        let in_plane = |p: &DVec3| if flat { p.with_z(low.z) } else { *p };
+        let outside: Vec<usize> = (0..n).filter(|&i| is_outside(&in_plane(&moving.positions[i]))).collect();
+        match outside.first() {
+            Some(&first) => {
+                Err(Error::OutsideDomain { what: "particles", count: outside.len() as u64, first: first as u64 })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+fn same_length(what: &'static str, found: usize, expected: usize) -> Result<()> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::LengthMismatch { what, found: found as u64, expected: expected as u64 })
+}
+
+fn finite(what: &'static str, vectors: &[DVec3]) -> Result<()> {
+    let count = vectors.iter().filter(|v| !v.is_finite()).count() as u64;
+    match vectors.iter().position(|v| !v.is_finite()) {
+        Some(first) => Err(Error::NonFinite { what, count, first: first as u64 }),
+        None => Ok(()),
+    }
+}
+
+/// Checks that a setting is a positive, finite number.
+pub(super) fn positive(setting: &'static str, value: f64) -> Result<()> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(Error::InvalidSetting { setting, found: value.to_string(), expected: "a finite number above 0" })
+}
+
+/// Checks that a setting is a finite number, 0 or more.
+pub(super) fn not_negative(setting: &'static str, value: f64) -> Result<()> {
+    if value >= 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(Error::InvalidSetting { setting, found: value.to_string(), expected: "a finite number, 0 or more" })
+}

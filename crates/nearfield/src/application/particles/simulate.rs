@@ -1,0 +1,77 @@
+//! What a simulation does, on the CPU and on a device.
+
+use super::{Measures, ParticleScene, Particles};
+use crate::application::Watch;
+use crate::{Error, Result};
+
+/// A simulation under way.
+pub trait Simulate: Send {
+    /// What it started from.
+    fn scene(&self) -> &ParticleScene;
+
+    /// Where it runs: "cpu (…)" or the adapter's name.
+    fn device(&self) -> String;
+
+    /// Makes so many steps; returns what each did.
+    ///
+    /// # Errors
+    /// `BlowUp` where a particle has left what can be simulated: step and particle are named, and the particles are as they were before
+    /// that step (on a device: before the steps that were submitted together with it). `Interrupted` where the watch ends it, between two
+    /// steps. As the search of neighbours.
+    fn advance(&mut self, steps: u32, watch: &mut Watch<'_>) -> Result<Vec<StepReport>>;
+
+    /// Steps made so far.
+    fn step(&self) -> u64;
+
+    /// Time that has passed in the scene.
+    fn time(&self) -> f64;
+
+    /// The particles as they are now, by the index they have in the scene.
+    ///
+    /// # Errors
+    /// On a device: `OutOfDeviceMemory` for staging memory, `OutOfMemory`, `DeviceLost`.
+    fn particles(&self) -> Result<Particles>;
+
+    /// Energies, momentum and what else is conserved or bounded, of the particles as they are now.
+    ///
+    /// # Errors
+    /// As [`Simulate::particles`].
+    fn measure(&self) -> Result<Measures> {
+        Ok(Measures::of(self.scene(), &self.particles()?))
+    }
+
+    /// Goes on from particles that were saved.
+    ///
+    /// # Errors
+    /// As [`ParticleScene::validate`] with these particles, and `LengthMismatch` for another number of them. The simulation is then as it
+    /// was.
+    fn resume(&mut self, particles: &Particles, step: u64, time: f64) -> Result<()>;
+}
+
+/// What one step did.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct StepReport {
+    /// Its number, from 1.
+    pub step: u64,
+    /// Time in the scene after it.
+    pub time: f64,
+    /// How far it led.
+    pub time_step: f64,
+    /// Mean number of others that act on a particle.
+    pub mean_neighbors: f64,
+    /// Iterations of the model's solvers.
+    pub iterations: u32,
+    /// Mean and largest compression of a fluid in parts of its rest density, as the model's solver left it.
+    pub density_error: [f64; 2],
+    /// Trees and lists that were built anew.
+    pub rebuilds: u32,
+}
+
+/// Checks that particles to go on from are as many as the scene has.
+pub(super) fn same_particles(own: &Particles, other: &Particles) -> Result<()> {
+    if own.len() == other.len() {
+        return Ok(());
+    }
+    let (found, expected) = (other.len() as u64, own.len() as u64);
+    Err(Error::LengthMismatch { what: "particles to go on from", found, expected })
+}

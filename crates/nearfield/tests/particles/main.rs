@@ -1,0 +1,3 @@
+//! Simulations of particles: published numbers, what is conserved, and the same trajectory by every search.
+
+mod dem;
