@@ -23,6 +23,7 @@ mod cpu;
 mod dem;
 mod dfsph;
 mod fluid;
+mod images;
 mod measures;
 mod neighborhood;
 mod pbf;

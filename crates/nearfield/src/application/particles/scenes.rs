@@ -46,6 +46,7 @@ fn dem_box(particles: u32) -> ParticleScene {
         name: "dem-box".to_owned(),
         dimensions: Dimensions::Three,
         domain: [DVec3::NEG_ONE, DVec3::ONE],
+        periodic: [false; 3],
         gravity: DVec3::new(0.0, -0.0003, 0.0),
         particles: Particles::at_rest(jittered_lattice(particles, radius)),
         boundary: Vec::new(),
