@@ -1,3 +1,4 @@
 //! Simulations of particles: published numbers, what is conserved, and the same trajectory by every search.
 
 mod dem;
+mod sph;
