@@ -4,8 +4,7 @@ use std::f64::consts::TAU;
 
 use nearfield::DVec3;
 use nearfield::application::particles::{
-    DfsphSettings, Dimensions, Fluid, ParticleModel, ParticleScene, Particles, SmoothingKernel, TimeStep,
-    WcsphSettings,
+    DfsphSettings, Dimensions, Fluid, ParticleModel, ParticleScene, Particles, TimeStep, WcsphSettings,
 };
 
 pub(crate) const GRAVITY: f64 = 9.81;
@@ -77,15 +76,12 @@ pub(crate) fn drop(n: u32, rate: f64, model: ParticleModel) -> ParticleScene {
     scene
 }
 
-/// Vortices of speed 1 in a periodic square of side 1, n × n particles. They are a little denser than at rest, so that there is pressure
-/// everywhere.
-pub(crate) fn taylor_green(n: u32, compression: f64, viscosity: f64) -> ParticleScene {
+/// Vortices of speed 1 in a periodic square of side 1, n × n particles of a fluid of density 1.
+pub(crate) fn taylor_green(n: u32, viscosity: f64) -> ParticleScene {
     let spacing = 1.0 / f64::from(n);
-    let rest_density = 1.0 / (1.0 + compression);
     let mut settings = wcsph(spacing, 1.0);
-    // The mass of a particle is that of a cell.
-    settings.fluid.spacing = spacing * (1.0 + compression).sqrt();
-    settings.fluid.rest_density = rest_density;
+    settings.fluid.rest_density = 1.0;
+    settings.fluid.support = 4.0 * spacing;
     settings.artificial_viscosity = 0.0;
     settings.viscosity = viscosity;
     let mut scene = scene("taylor-green", lattice([0.0, 0.0], [1.0, 1.0], spacing), ParticleModel::Wcsph(settings));
@@ -96,7 +92,6 @@ pub(crate) fn taylor_green(n: u32, compression: f64, viscosity: f64) -> Particle
         DVec3::new(-x.cos() * y.sin(), x.sin() * y.cos(), 0.0)
     };
     scene.particles.velocities = scene.particles.positions.iter().map(vortex).collect();
-    scene.particles.densities = vec![1.0; scene.particles.len()];
     scene
 }
 
@@ -108,15 +103,4 @@ pub(crate) fn tank(width: f64, height: f64, spacing: f64, layers: u32, model: Pa
         time_step: TimeStep::Cfl { factor: 0.4, least: 1e-9, most: 0.01 },
         ..scene("tank", lattice([0.0, 0.0], [width, height], spacing), model)
     }
-}
-
-/// The model with this smoothing kernel.
-pub(crate) fn smoothed_by(kernel: SmoothingKernel, model: &ParticleModel) -> ParticleModel {
-    let mut model = model.clone();
-    match &mut model {
-        ParticleModel::Wcsph(settings) => settings.smoothing = kernel,
-        ParticleModel::Dfsph(settings) => settings.smoothing = kernel,
-        _ => {}
-    }
-    model
 }
