@@ -62,7 +62,7 @@ struct Stage {
 enum Step {
     Dispatch { pipeline: Arc<Pipeline>, groups: [Vec<Bind>; 2], workgroups: Workgroups },
     Clear { buffer: Bind, bytes: u64 },
-    Copy { source: Bind, destination: Bind, bytes: u64 },
+    Copy { source: Bind, offset: u64, destination: Bind, bytes: u64 },
 }
 
 impl Step {
@@ -137,7 +137,30 @@ impl Commands {
             self.error.get_or_insert(Error::LengthMismatch { what: destination.label(), found, expected });
         }
         let bytes = source.bytes().next_multiple_of(4);
-        self.step(Step::Copy { source: source.into(), destination: destination.into(), bytes });
+        self.step(Step::Copy { source: source.into(), offset: 0, destination: destination.into(), bytes });
+        self
+    }
+
+    /// Copies as many elements as `destination` has from `source`, from element `first` on.
+    pub fn copy_from<T: DeviceElement>(
+        &mut self,
+        source: &Buffer<T>,
+        first: usize,
+        destination: &Buffer<T>,
+    ) -> &mut Self {
+        let (end, offset) = (first.saturating_add(destination.len()), (first * size_of::<T>()) as u64);
+        if end > source.len() {
+            let (found, expected) = (source.len() as u64, end as u64);
+            self.error.get_or_insert(Error::LengthMismatch { what: source.label(), found, expected });
+        }
+        if !(offset.is_multiple_of(4) && destination.bytes().is_multiple_of(4)) {
+            self.error.get_or_insert(Error::Unsupported {
+                what: format!("copying {} bytes from byte {offset} of {}", destination.bytes(), source.label()),
+                advice: "copy whole words of 4 bytes",
+            });
+        }
+        let bytes = destination.bytes();
+        self.step(Step::Copy { source: source.into(), offset, destination: destination.into(), bytes });
         self
     }
 
@@ -261,8 +284,8 @@ fn copies(encoder: &mut wgpu::CommandEncoder, steps: &[Step]) {
     for step in steps {
         match step {
             Step::Clear { buffer, bytes } => encoder.clear_buffer(&buffer.raw, 0, Some(*bytes)),
-            Step::Copy { source, destination, bytes } => {
-                encoder.copy_buffer_to_buffer(&source.raw, 0, &destination.raw, 0, *bytes);
+            Step::Copy { source, offset, destination, bytes } => {
+                encoder.copy_buffer_to_buffer(&source.raw, *offset, &destination.raw, 0, *bytes);
             }
             Step::Dispatch { .. } => {}
         }

@@ -143,6 +143,16 @@ impl ParticleModel {
         }
     }
 
+    /// Density of the fluid at rest; 1 for grains.
+    pub fn rest_density(&self) -> f64 {
+        match self {
+            Self::Dem(_) => 1.0,
+            Self::Pbf(pbf) => pbf.fluid.rest_density,
+            Self::Wcsph(wcsph) => wcsph.fluid.rest_density,
+            Self::Dfsph(dfsph) => dfsph.fluid.rest_density,
+        }
+    }
+
     fn validate(&self) -> Result<()> {
         match self {
             Self::Dem(dem) => dem.validate(),
