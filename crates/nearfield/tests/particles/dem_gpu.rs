@@ -34,9 +34,11 @@ fn run(gpu: &Gpu, scene: &ParticleScene, settings: &SimulationSettings, steps: u
 }
 
 fn device_is_cpu(gpu: &Gpu) {
-    // Single precision moves a coordinate in a box of side 2 by 6e-8 a step, so the direction of a contact by some 4e-6; ten steps of pushes
-    // of a grain's overlap keep that far below a thousandth of its radius.
-    for (scene, bound) in [(few_grains(2000), 1e-5), (three_classes(PairRule::Contact), 1e-5)] {
+    // Single precision moves a coordinate in a box of side 2 by 6e-8 a step, so the direction of a contact by some 4e-6: in ten steps most grains
+    // stay within a millionth. But a pair at the very border may touch a step earlier or later, which hands over up to 0.12 of its relative
+    // velocity of some 0.003 in half a unit of time.
+    let (most, mean) = (2e-4, 1e-6);
+    for scene in [few_grains(2000), three_classes(PairRule::Contact)] {
         for deterministic in [false, true] {
             let settings = SimulationSettings { deterministic, reorder_every: 4, ..SimulationSettings::default() };
             let mut cpu = Simulation::new(&scene, &settings).unwrap();
@@ -44,9 +46,10 @@ fn device_is_cpu(gpu: &Gpu) {
             let expected = cpu.particles().unwrap();
             let (found, reports) = run(gpu, &scene, &settings, 10);
             assert_eq!(found.classes, expected.classes);
-            for (i, (a, b)) in found.positions.iter().zip(&expected.positions).enumerate() {
-                assert!((*a - *b).length() < bound, "{} {i}: {a} and {b}", scene.name);
-            }
+            let apart = found.positions.iter().zip(&expected.positions).map(|(a, b)| (*a - *b).length());
+            let (sum, largest) = apart.fold((0.0, 0.0_f64), |(sum, largest), d| (sum + d, largest.max(d)));
+            let is_near = largest < most && sum < mean * expected.len() as f64;
+            assert!(is_near, "{}: {largest:e} at most, {:e} on average", scene.name, sum / expected.len() as f64);
             for (found, expected) in reports.iter().zip(&expected_reports) {
                 assert_eq!((found.step, found.time_step), (expected.step, expected.time_step));
                 assert!((found.time - expected.time).abs() < 1e-6);

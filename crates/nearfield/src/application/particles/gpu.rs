@@ -20,6 +20,8 @@ use Access::{Read, ReadWrite, Uniform};
 
 /// Most steps that are submitted together.
 const TOGETHER: u32 = 64;
+/// Steps after which a model reads and writes the same buffers again.
+const PERIOD: u32 = 2;
 /// Milliseconds that a submission should take at most, for the sake of drivers' time limits and of those who wait.
 const SUBMISSION: f64 = 100.0;
 
@@ -122,6 +124,12 @@ pub(super) trait GpuModel: Send {
         around: &mut GpuNeighborhood,
         clock: &Buffer<ParticleClock>,
     ) -> Result<()>;
+
+    /// Whether a step can be recorded once and submitted again and again: it never needs the host, and after two steps reads and writes the same
+    /// buffers.
+    fn can_repeat(&self) -> bool {
+        true
+    }
 
     /// Forgets what it knows of single particles: they have another order.
     fn forget(&mut self) {}
@@ -259,12 +267,22 @@ impl GpuSimulation {
         self.gpu.write(&self.clock, 0, &[clock])?;
         self.state.record_keep(recorder.commands());
         let mut built = Vec::with_capacity(n as usize);
-        let recorded = (0..n).try_for_each(|_| {
-            let before = self.around.rebuilds();
-            self.record(&mut recorder)?;
-            built.push(((self.around.rebuilds() - before) as u32, self.model.iterations()));
+        let mut record = |simulation: &mut Self, recorder: &mut Recorder| {
+            let before = simulation.around.rebuilds();
+            simulation.record(recorder)?;
+            built.push(((simulation.around.rebuilds() - before) as u32, simulation.model.iterations()));
             Ok(())
-        });
+        };
+        let recorded = if self.around.can_repeat() && self.model.can_repeat() && n >= PERIOD {
+            n -= n % PERIOD;
+            recorder.submit()?;
+            (0..PERIOD).try_for_each(|_| record(self, &mut recorder))?;
+            recorder.submit_repeated(n / PERIOD)?;
+            built.resize(n as usize, built[0]);
+            Ok(())
+        } else {
+            (0..n).try_for_each(|_| record(self, &mut recorder))
+        };
         // A structure may have found out before the records are read: particles that are no numbers cannot be searched.
         recorder.submit()?;
         let records = self.gpu.read(&self.records)?;

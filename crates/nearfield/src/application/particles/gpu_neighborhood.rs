@@ -38,7 +38,15 @@ impl Recorder {
     /// # Errors
     /// As [`Commands::submit`].
     pub(super) fn submit(&mut self) -> Result<()> {
-        std::mem::replace(&mut self.commands, self.gpu.commands("particles")).submit()
+        self.submit_repeated(1)
+    }
+
+    /// Submits what is recorded so many times.
+    ///
+    /// # Errors
+    /// As [`Commands::submit`].
+    pub(super) fn submit_repeated(&mut self, times: u32) -> Result<()> {
+        std::mem::replace(&mut self.commands, self.gpu.commands("particles")).submit_repeated(times)
     }
 }
 
@@ -111,6 +119,11 @@ impl GpuNeighborhood {
         );
         // Devices that end long loops are asked how long they would be.
         !by_itself || self.gpu.limits().loop_rounds.is_some()
+    }
+
+    /// Whether structures stand that follow without the host: recorded steps can then be submitted again and again.
+    pub(super) fn can_repeat(&self) -> bool {
+        !self.needs_host() && !self.levels.is_empty()
     }
 
     /// How often trees and lists were built anew since the start, without the first time.
