@@ -14,6 +14,7 @@ use super::simulate::same_particles;
 use super::{ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
 use crate::application::Watch;
 use crate::gpu::{Access, Buffer, Gpu, Kernel, Pipeline, Workgroups};
+use crate::query::Stage;
 use crate::{Error, Result};
 
 use Access::{Read, ReadWrite, Uniform};
@@ -249,12 +250,22 @@ impl GpuSimulation {
         (factor * length / (sound_speed + fastest)).clamp(least, most) as f32
     }
 
+    /// Makes one step and takes the times of its stages, which are those of the device's clock where it has one, without what structures do
+    /// by themselves to prepare questions.
+    ///
+    /// # Errors
+    /// As [`Simulate::advance`].
+    pub fn advance_timed(&mut self) -> Result<(StepReport, Vec<Stage>)> {
+        let mut recorder = Recorder::timed(&self.gpu);
+        let reports = self.submit(1, &mut recorder)?;
+        Ok((reports.first().copied().unwrap_or_default(), recorder.into_times()))
+    }
+
     /// Makes up to `most` steps in one submission, or in one a step where the search needs the host.
-    fn submit(&mut self, most: u32) -> Result<Vec<StepReport>> {
+    fn submit(&mut self, most: u32, recorder: &mut Recorder) -> Result<Vec<StepReport>> {
         let start = Instant::now();
         let every = u64::from(self.settings.reorder_every);
         let mut n = self.together.min(most);
-        let mut recorder = Recorder::new(&self.gpu);
         if every > 0 {
             n = n.min((every - self.step % every) as u32);
             if self.step.is_multiple_of(every) {
@@ -276,12 +287,12 @@ impl GpuSimulation {
         let recorded = if self.around.can_repeat() && self.model.can_repeat() && n >= PERIOD {
             n -= n % PERIOD;
             recorder.submit()?;
-            (0..PERIOD).try_for_each(|_| record(self, &mut recorder))?;
+            (0..PERIOD).try_for_each(|_| record(self, recorder))?;
             recorder.submit_repeated(n / PERIOD)?;
             built.resize(n as usize, built[0]);
             Ok(())
         } else {
-            (0..n).try_for_each(|_| record(self, &mut recorder))
+            (0..n).try_for_each(|_| record(self, recorder))
         };
         // A structure may have found out before the records are read: particles that are no numbers cannot be searched.
         recorder.submit()?;
@@ -370,7 +381,7 @@ impl Simulate for GpuSimulation {
         while reports.len() < steps as usize {
             let done = reports.len() as u32;
             watch.report("simulating", done.into(), steps.into())?;
-            reports.extend(self.submit(steps - done)?);
+            reports.extend(self.submit(steps - done, &mut Recorder::new(&self.gpu))?);
         }
         Ok(reports)
     }

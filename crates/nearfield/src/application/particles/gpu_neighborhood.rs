@@ -11,7 +11,7 @@ use super::{ParticleScene, ParticleSearch};
 use crate::Result;
 use crate::geometry::Aabb;
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu};
-use crate::query::{DeviceQueries, VisitorModule, record_module};
+use crate::query::{DeviceQueries, Stage, VisitorModule, record_module};
 use crate::structure::{
     AabbTreeSettings, BuildOrder, DevicePoint, GpuBruteForce, GpuMovingPoints, GpuStructure, GpuUniformGrid,
     GridBuilder, GridSettings, RebuildPolicy, TreeSearch,
@@ -21,11 +21,23 @@ use crate::structure::{
 pub(super) struct Recorder {
     gpu: Gpu,
     commands: Commands,
+    /// Times of stages, where they are taken: each submission is then waited for.
+    times: Option<Vec<Stage>>,
 }
 
 impl Recorder {
     pub(super) fn new(gpu: &Gpu) -> Self {
-        Self { gpu: gpu.clone(), commands: gpu.commands("particles") }
+        Self { gpu: gpu.clone(), commands: gpu.commands("particles"), times: None }
+    }
+
+    /// One that takes times.
+    pub(super) fn timed(gpu: &Gpu) -> Self {
+        Self { times: Some(Vec::new()), ..Self::new(gpu) }
+    }
+
+    /// The times that were taken.
+    pub(super) fn into_times(self) -> Vec<Stage> {
+        self.times.unwrap_or_default()
     }
 
     /// What is recorded into.
@@ -46,7 +58,12 @@ impl Recorder {
     /// # Errors
     /// As [`Commands::submit`].
     pub(super) fn submit_repeated(&mut self, times: u32) -> Result<()> {
-        std::mem::replace(&mut self.commands, self.gpu.commands("particles")).submit_repeated(times)
+        let commands = std::mem::replace(&mut self.commands, self.gpu.commands("particles"));
+        let Some(taken) = &mut self.times else {
+            return commands.submit_repeated(times);
+        };
+        taken.extend(commands.run()?.iter().filter_map(Stage::on_device));
+        Ok(())
     }
 }
 
@@ -159,7 +176,11 @@ impl GpuNeighborhood {
                 Structure::Grid(grid) => grid.0.record_rebuild(recorder.commands(), points, &mut grid.1)?,
                 Structure::Tree(tree) => {
                     recorder.submit()?;
-                    self.rebuilds += u64::from(tree.update_on_device(points)?.is_rebuild());
+                    let report = tree.update_on_device(points)?;
+                    self.rebuilds += u64::from(report.is_rebuild());
+                    if let Some(times) = &mut recorder.times {
+                        times.extend(report.stages.iter().map(Stage::from));
+                    }
                 }
                 Structure::List(list) => {
                     recorder.submit()?;
