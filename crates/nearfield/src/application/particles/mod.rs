@@ -31,6 +31,7 @@ mod gpu_list;
 mod gpu_neighborhood;
 #[cfg(feature = "gpu")]
 mod gpu_state;
+mod lattice;
 mod measures;
 mod neighborhood;
 mod pbf;
@@ -59,10 +60,11 @@ pub use gpu_list::ParticleDrift;
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
 pub use gpu_state::ParticleBlock;
+pub use lattice::{fill_ball, fill_box, line_box};
 pub use measures::Measures;
 pub use pbf::PbfSettings;
 pub use scene::{Dimensions, MOST_CLASSES, ParticleModel, ParticleScene, Particles, TimeStep};
-pub use scenes::{BuiltinOptions, builtin_names, builtin_scene};
+pub use scenes::{BuiltinOptions, FluidModel, builtin_names, builtin_scene};
 pub use search::{ParticleSearch, SimulationSettings};
 pub use simulate::{Simulate, StepReport};
 pub use wcsph::WcsphSettings;
