@@ -82,7 +82,8 @@ impl Tank {
         let volume: f64 = self.blocks.iter().map(|shape| shape.volume(dimensions)).sum();
         let free = (volume / f64::from(particles)).powf(1.0 / f64::from(dimensions.number()));
         // The shortest side is divided without a rest; the others of all tanks are multiples of half of it or so.
-        let shortest = if dimensions == Dimensions::Two { self.size.x.min(self.size.y) } else { self.size.min_element() };
+        let shortest =
+            if dimensions == Dimensions::Two { self.size.x.min(self.size.y) } else { self.size.min_element() };
         let cells = (shortest / free).round().max(1.0);
         let even = shortest / cells;
         if self.filled(even, dimensions).is_empty() { free.min(shortest) } else { even }
