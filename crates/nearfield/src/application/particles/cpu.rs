@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::dem::CpuDem;
 use super::neighborhood::Neighborhood;
+use super::pbf::CpuPbf;
 use super::simulate::same_particles;
 use super::state::State;
 use super::{Measures, ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
@@ -67,6 +68,7 @@ impl Simulation {
         let around = Neighborhood::new(settings.search, settings.deterministic, scene.domain, classes, reach);
         let model: Box<dyn CpuModel> = match &scene.model {
             ParticleModel::Dem(dem) => Box::new(CpuDem::new(dem, scene)),
+            ParticleModel::Pbf(pbf) => Box::new(CpuPbf::new(pbf, scene)),
             other => return Err(Error::Unsupported { what: other.name().to_owned(), advice: "" }),
         };
         Ok(Self {

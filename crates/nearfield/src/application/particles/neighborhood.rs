@@ -56,10 +56,10 @@ pub(super) struct Row<'a> {
     first: usize,
 }
 
-impl Row<'_> {
+impl<'a> Row<'a> {
     /// Their indices.
-    pub(super) fn iter(&self) -> impl Iterator<Item = usize> + '_ {
-        self.ids.iter().map(|&id| self.first + id as usize)
+    pub(super) fn iter(self) -> impl Iterator<Item = usize> + use<'a> {
+        self.ids.iter().map(move |&id| self.first + id as usize)
     }
 }
 
