@@ -67,6 +67,7 @@ pub fn scene(particles: usize, spring: f64) -> ParticleScene {
         name: "two-clouds".to_owned(),
         dimensions: Dimensions::Three,
         domain: [DVec3::splat(-8.0), DVec3::splat(8.0)],
+        periodic: [false; 3],
         gravity: DVec3::ZERO,
         particles: all,
         boundary: Vec::new(),

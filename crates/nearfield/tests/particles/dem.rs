@@ -64,6 +64,7 @@ pub(crate) fn three_classes(rule: PairRule) -> ParticleScene {
         name: "three-classes".to_owned(),
         dimensions: Dimensions::Three,
         domain: [DVec3::ZERO, DVec3::ONE],
+        periodic: [false; 3],
         gravity: DVec3::new(0.0, -0.0003, 0.0),
         particles,
         boundary: Vec::new(),

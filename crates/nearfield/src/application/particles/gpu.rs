@@ -180,6 +180,10 @@ impl GpuSimulation {
     pub fn new(gpu: &Gpu, scene: &ParticleScene, settings: &SimulationSettings) -> Result<Self> {
         scene.validate()?;
         settings.validate()?;
+        if scene.periodic.contains(&true) {
+            let what = "a domain with periodic sides on a GPU".to_owned();
+            return Err(Error::Unsupported { what, advice: "use the CPU" });
+        }
         let (n_classes, reach) = reach_of(&scene.model);
         let state = GpuState::new(gpu, scene, n_classes)?;
         let around = GpuNeighborhood::new(gpu, scene, settings.search, settings.deterministic, reach);

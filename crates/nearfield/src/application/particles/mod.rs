@@ -31,6 +31,7 @@ mod gpu_list;
 mod gpu_neighborhood;
 #[cfg(feature = "gpu")]
 mod gpu_state;
+mod images;
 mod lattice;
 mod measures;
 mod neighborhood;

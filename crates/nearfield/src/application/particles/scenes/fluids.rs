@@ -127,6 +127,7 @@ pub(super) fn scene(name: &str, options: &BuiltinOptions) -> Result<ParticleScen
         name: name.to_owned(),
         dimensions,
         domain: [DVec3::splat(-margin), tank.size + margin],
+        periodic: [false; 3],
         gravity: DVec3::new(0.0, -GRAVITY, 0.0),
         boundary: line_box(DVec3::ZERO, tank.size, spacing, dimensions),
         particles: Particles::at_rest(positions),
