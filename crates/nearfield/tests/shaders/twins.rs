@@ -19,6 +19,7 @@ use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
 use nearfield::structure::kd_tree::{KdLeaf, KdNode, KdRoot};
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
+use nearfield::structure::multi_level_grid::{GridLevel, MultiLevelLayout};
 use nearfield::structure::triangle_bvh::CompressedNode;
 use nearfield::structure::uniform_grid::GridLayout;
 use nearfield::{HitRecord, Ray, RayWork, Vec3};
@@ -194,12 +195,8 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         attraction,
         pair_rule,
         one_class,
-        is_first,
-        is_last,
         quantum,
-        inverse_quantum,
-        padding_0,
-        padding_1
+        inverse_quantum
     });
     let contour =
         layout_of!(ContourParameters { corner, spacing, nodes, n_nodes, level, two_sided, threshold, n_cells });
@@ -233,6 +230,8 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ("OctreeLayout", octree),
         ("TreeLayout", layout_of!(TreeLayout { period, n_points, inverse_period, depth })),
         ("GridLayout", grid),
+        ("GridLevel", layout_of!(GridLevel { grid, first_entry, first_point, radius, padding })),
+        ("MultiLevelLayout", layout_of!(MultiLevelLayout { n_points, n_levels, rule, padding, levels })),
         ("Layout", brute_force),
         ("Batch", batch),
         ("KnnRun", with_single_words(run)),
@@ -320,7 +319,6 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
                 velocity
             }),
         ),
-        ("Sum3", layout_of!(Sum3 { value, padding_0, whole, padding_1, part, padding_2 })),
     ];
     let compressed =
         layout_of!(CompressedNode { origin, steps, first_node, first_triangle, slots, low_xy, low_z_high_x, high_yz });

@@ -7,6 +7,7 @@ use super::dfsph::CpuDfsph;
 use super::images::Images;
 use super::neighborhood::Neighborhood;
 use super::pbf::CpuPbf;
+use super::reach::Reach;
 use super::simulate::same_particles;
 use super::state::State;
 use super::wcsph::CpuWcsph;
@@ -62,8 +63,8 @@ impl Simulation {
     pub fn new(scene: &ParticleScene, settings: &SimulationSettings) -> Result<Self> {
         scene.validate()?;
         settings.validate()?;
-        let (n_classes, reach) = reach_of(&scene.model);
-        let state = State::new(scene, n_classes);
+        let reach = Reach::of(&scene.model);
+        let state = State::new(scene, reach.radii().len());
         let mut classes = state.classes.clone();
         if let Some(last) = classes.last_mut() {
             last.end = state.positions.len();
@@ -141,17 +142,6 @@ impl Simulation {
             speed: self.state.velocities[place].length(),
             limit: self.settings.max_speed,
         })
-    }
-}
-
-/// Number of classes, and the distance within which particles of one act on those of another.
-pub(super) fn reach_of(model: &ParticleModel) -> (usize, Vec<Vec<f64>>) {
-    match model {
-        ParticleModel::Dem(dem) => {
-            let reach = |&own: &f64| dem.radii.iter().map(|&other| dem.pair_rule.reach(own, other)).collect();
-            (dem.radii.len(), dem.radii.iter().map(reach).collect())
-        }
-        fluid => (1, vec![vec![fluid.largest_reach()]]),
     }
 }
 

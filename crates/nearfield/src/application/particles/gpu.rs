@@ -6,10 +6,10 @@ use std::time::Instant;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use super::cpu::reach_of;
 use super::dem::GpuDem;
 use super::gpu_neighborhood::{GpuNeighborhood, Recorder};
 use super::gpu_state::{GpuState, WORKGROUP};
+use super::reach::Reach;
 use super::simulate::same_particles;
 use super::{ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
 use crate::application::Watch;
@@ -184,11 +184,11 @@ impl GpuSimulation {
             let what = "a domain with periodic sides on a GPU".to_owned();
             return Err(Error::Unsupported { what, advice: "use the CPU" });
         }
-        let (n_classes, reach) = reach_of(&scene.model);
-        let state = GpuState::new(gpu, scene, n_classes)?;
+        let reach = Reach::of(&scene.model);
+        let state = GpuState::new(gpu, scene, reach.radii().len())?;
         let around = GpuNeighborhood::new(gpu, scene, settings.search, settings.deterministic, reach);
         let model: Box<dyn GpuModel> = match &scene.model {
-            ParticleModel::Dem(dem) => Box::new(GpuDem::new(gpu, dem, scene, &state, around.n_levels())?),
+            ParticleModel::Dem(dem) => Box::new(GpuDem::new(gpu, dem, scene, &state)?),
             other => {
                 let what = format!("the model {} on a GPU", other.name());
                 return Err(Error::Unsupported { what, advice: "use the CPU" });

@@ -36,6 +36,7 @@ mod lattice;
 mod measures;
 mod neighborhood;
 mod pbf;
+mod reach;
 mod scene;
 mod scenes;
 mod search;
@@ -47,7 +48,7 @@ pub use cpu::Simulation;
 pub use dem::{Collider, DemSettings, PairRule};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
-pub use dem::{DemCollide, DemIntegrate, Sum3};
+pub use dem::{DemCollide, DemIntegrate};
 pub use dfsph::DfsphSettings;
 pub use fluid::{Fluid, SmoothingKernel};
 #[cfg(feature = "gpu")]
