@@ -1,9 +1,6 @@
 //! The path tracer against what is known of light: furnaces that must not change it, an independent tracer of the
 //! Cornell box, and the same picture whatever the number of threads, the structure and the way of sampling.
 
-#[path = "support/scenes.rs"]
-mod scenes;
-
 use nearfield::application::{EnvironmentImage, PathCounters, PointLight};
 use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::{
@@ -11,7 +8,8 @@ use nearfield::{
     PathSettings, PathTracer, Ray, RaySearch, Scene, Surface, TriMesh, TriangleBvh,
 };
 use nearfield::{DVec3, Vec3};
-use scenes::everything;
+
+use crate::scenes::everything;
 
 fn render(scene: &Scene, settings: PathSettings, width: u32, height: u32, samples: u32) -> (Film, PathCounters) {
     let structure = BruteForceMesh::build(&scene.mesh).unwrap();

@@ -1,10 +1,6 @@
 //! The path tracer of the device against that of the CPU: the same samples, the same picture up to rounding.
 
-#[path = "support/scenes.rs"]
-mod scenes;
-mod support;
-
-use libtest_mimic::{Arguments, Trial};
+use libtest_mimic::Trial;
 use nearfield::application::PointLight;
 use nearfield::gpu::Gpu;
 use nearfield::structure::GpuRayStructure;
@@ -12,7 +8,9 @@ use nearfield::{
     BruteForceMesh, BvhSettings, Film, GpuBruteForceMesh, GpuKdTree, GpuPathTracer, GpuTriangleBvh, KdTreeSettings,
     PathSettings, PathTracer, Scene, Vec3,
 };
-use support::gpu_trial;
+
+use crate::scenes;
+use crate::support::gpu_trial;
 
 const SIDE: u32 = 40;
 const SAMPLES: u32 = 4;
@@ -54,7 +52,7 @@ fn difference(a: &Film, b: &Film) -> (f64, f64) {
     (differ as f64 / a.sums().len() as f64, (mean(a) / mean(b) - 1.0).abs())
 }
 
-fn main() {
+pub(crate) fn trials() -> Vec<Trial> {
     let mut trials: Vec<Trial> = vec![gpu_trial("a_planted_difference_is_seen", |_| {
         let scene = Scene::cornell_box();
         let film = on_cpu(&scene, PathSettings::default(), 1);
@@ -107,5 +105,5 @@ fn main() {
         assert_eq!(here.paths, there.paths);
         assert!(close(here.rays, there.rays) && close(here.shadow_rays, there.shadow_rays), "{here:?} {there:?}");
     }));
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    trials
 }

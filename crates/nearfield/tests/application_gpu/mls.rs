@@ -1,11 +1,7 @@
 //! Moving least squares on the device against the CPU: the same places up to rounding and the same flags, for every method, weight,
 //! support and structure.
 
-mod support;
-#[path = "support/surfaces.rs"]
-mod surfaces;
-
-use libtest_mimic::{Arguments, Trial};
+use libtest_mimic::Trial;
 use nearfield::application::{Length, MlsPoints, MlsReport, PlaneSearch, PointFlags, Support, Watch, Weight};
 use nearfield::gpu::Gpu;
 use nearfield::structure::{GpuMovingPoints, GpuStructure, RebuildPolicy};
@@ -14,8 +10,9 @@ use nearfield::{
     GpuMlsProjection, GpuMlsSmoothing, GpuUniformGrid, GridSettings, MlsMethod, MlsProjection, MlsSettings,
     MlsSmoothing, OctreeSettings, TreeSearch, Vec3,
 };
-use support::gpu_trial;
-use surfaces::torus;
+
+use crate::support::{Random, gpu_trial};
+use crate::surfaces::torus;
 
 const RADIUS: f32 = 0.3;
 const ITERATIONS: usize = 3;
@@ -187,7 +184,7 @@ fn projected_there<S: GpuStructure>(
 
 /// Queries near the surface, one far away, and one that is none.
 fn queries(cloud: &Cloud) -> Vec<Vec3> {
-    let mut random = support::Random(5);
+    let mut random = Random(5);
     let mut shift = || 0.1 * random.unit() - 0.05;
     let mut queries: Vec<Vec3> =
         cloud.points.iter().step_by(2).map(|p| *p + Vec3::new(shift(), shift(), shift())).collect();
@@ -319,7 +316,7 @@ fn trees_of_the_caller_follow(gpu: &Gpu) {
     }
 }
 
-fn main() {
+pub(crate) fn trials() -> Vec<Trial> {
     let mut trials: Vec<Trial> = vec![
         gpu_trial("planted_differences_are_seen", |_| {
             let cloud = cloud();
@@ -352,5 +349,5 @@ fn main() {
             check(name, &here, &there, cloud.diagonal);
         }));
     }
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    trials
 }

@@ -1,8 +1,5 @@
 //! Dual contouring on the CPU against closed forms: topology of any signs, exact corners, Euler numbers, borders.
 
-#[path = "support/solids.rs"]
-mod solids;
-
 use std::collections::BTreeSet;
 
 use nearfield::application::{
@@ -13,7 +10,8 @@ use nearfield::geometry::mesh_topology::MeshTopology;
 use nearfield::geometry::{DistanceGrid, RegularGrid, Scalar};
 use nearfield::structure::{AabbTreeN, AabbTreeNSettings};
 use nearfield::{DVec3, Error, Vec3};
-use solids::{Random, RotatedCube, double_torus, grid_over, torus};
+
+use crate::solids::{Random, RotatedCube, double_torus, grid_over, torus};
 
 const GRIDS: u64 = 1000;
 const SIDE: u32 = 10;

@@ -2,14 +2,13 @@
 //!
 //! Expected values follow from the clouds: equal points are all neighbours of each other.
 
-mod support;
-
-use libtest_mimic::{Arguments, Trial};
+use libtest_mimic::Trial;
 use nearfield::gpu::{Access, Gpu};
 use nearfield::query::{ForEachOnDevice, NeighborSearch, SearchOnDevice, Visitor};
 use nearfield::structure::{GpuAabbTree, GpuBruteForce, GpuUniformGrid};
 use nearfield::{AabbTreeSettings, BuildOrder, Error, FixedRadius, GridSettings, RowOrder, Vec3};
-use support::gpu_trial;
+
+use crate::support::gpu_trial;
 
 /// More points than rounds that llvmpipe grants the loops of an invocation.
 const MANY: usize = 70_000;
@@ -48,8 +47,8 @@ macro_rules! on_each {
     };
 }
 
-fn main() -> std::process::ExitCode {
-    let trials: Vec<Trial> = [
+pub(crate) fn trials() -> Vec<Trial> {
+    [
         on_each!(nothing_to_search_and_nobody_who_asks),
         on_each!(seventy_thousand_neighbors_are_all_found),
         on_each!(rows_of_seventy_thousand_are_sorted),
@@ -60,8 +59,7 @@ fn main() -> std::process::ExitCode {
     ]
     .into_iter()
     .flatten()
-    .collect();
-    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
+    .collect()
 }
 
 fn nothing_to_search_and_nobody_who_asks<S: Structure>(gpu: &Gpu, build: impl Fn(&[Vec3], f32) -> S) {

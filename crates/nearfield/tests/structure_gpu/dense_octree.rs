@@ -1,13 +1,12 @@
 //! The dense octree on the GPU: equal to the CPU's to the bit, equal to a recursive construction, and errors where memory
 //! or the domain end.
 
-mod support;
-
-use libtest_mimic::{Arguments, Trial};
+use libtest_mimic::Trial;
 use nearfield::gpu::Gpu;
 use nearfield::structure::dense_octree::MOST_LEVELS;
 use nearfield::{CellState, Curve, DenseOctree, DenseOctreeSettings, Domain, Error, GpuDenseOctree, Octant, Vec3};
-use support::{Random, gpu_trial, own_context, refuse_each, trial};
+
+use crate::support::{Random, gpu_trial, own_context, refuse_each, trial};
 
 const SEED: u64 = 20_261_124;
 
@@ -261,8 +260,8 @@ fn planted_differences_are_found() {
     contains(difference(&build(&nudged, &domain), &sound), "positions");
 }
 
-fn main() {
-    let trials: Vec<Trial> = vec![
+pub(crate) fn trials() -> Vec<Trial> {
+    vec![
         trial("planted_differences_are_found", planted_differences_are_found),
         gpu_trial("gpu_equals_the_cpu_to_the_bit", gpu_equals_the_cpu_to_the_bit),
         gpu_trial("gpu_equals_the_recursive_construction", gpu_equals_the_recursive_construction),
@@ -273,6 +272,5 @@ fn main() {
         gpu_trial("wrong_input_is_an_error", wrong_input_is_an_error),
         gpu_trial("memory_is_checked_before_it_is_asked_for", memory_is_checked_before_it_is_asked_for),
         gpu_trial("a_refused_allocation_is_an_error", a_refused_allocation_is_an_error),
-    ];
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    ]
 }

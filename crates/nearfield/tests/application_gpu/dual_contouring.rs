@@ -1,18 +1,15 @@
 //! Dual contouring on the device against the CPU: the same polygons, positions up to rounding.
 
-#[path = "support/solids.rs"]
-mod solids;
-mod support;
-
-use libtest_mimic::{Arguments, Trial};
+use libtest_mimic::Trial;
 use nearfield::application::{Contour, ContourSettings, GpuContour, NodeValues, Watch, contour, contour_on_gpu};
 use nearfield::geometry::RegularGrid;
 use nearfield::geometry::mesh_intersections::self_intersections;
 use nearfield::geometry::mesh_topology::MeshTopology;
 use nearfield::gpu::Gpu;
 use nearfield::{DVec3, Error, Vec3};
-use solids::{Random, RotatedCube, double_torus, grid_over};
-use support::gpu_trial;
+
+use crate::solids::{Random, RotatedCube, double_torus, grid_over};
+use crate::support::gpu_trial;
 
 /// How two surfaces of one field differ: in what they consist of, or the share of vertices farther apart than 1e-5 of the
 /// diagonal and of quads cut along different diagonals.
@@ -52,7 +49,7 @@ fn random_values(grid: &RegularGrid, undefined: f64, seed: u64) -> Vec<f32> {
     (0..grid.n_nodes()).map(|_| value()).collect()
 }
 
-fn main() {
+pub(crate) fn trials() -> Vec<Trial> {
     let mut trials: Vec<Trial> = vec![];
     trials.push(gpu_trial("planted_differences_are_seen", |_| {
         let grid = grid_over(1.3, 25);
@@ -128,5 +125,5 @@ fn main() {
         let bad = ContourSettings { threshold: 2.0, ..settings };
         assert!(matches!(GpuContour::of(gpu, &grid, &field, 0.0, false, &bad), Err(Error::InvalidSetting { .. })));
     }));
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    trials
 }

@@ -1,11 +1,9 @@
 //! The linear octree on the GPU: nodes, numbers, order, locations, neighbours and balance equal to the CPU's to the bit,
 //! the leaves of the dense octree where every octant is cut, and errors where memory or the domain end.
 
-mod support;
-
 use std::collections::BTreeSet;
 
-use libtest_mimic::{Arguments, Trial};
+use libtest_mimic::Trial;
 use nearfield::curve::MAX_LEVEL;
 use nearfield::geometry::Period;
 use nearfield::geometry::generate::{CloudKind, cloud};
@@ -16,7 +14,8 @@ use nearfield::{
     CellState, Curve, DenseOctree, DenseOctreeSettings, Domain, Error, GpuLinearOctree, LinearOctree, NeighborSearch,
     Octant, OctreeSettings, Vec3,
 };
-use support::{Random, gpu_trial, own_context, refuse_each, trial};
+
+use crate::support::{Random, gpu_trial, own_context, refuse_each, trial};
 
 const SEED: u64 = 20_261_125;
 
@@ -374,8 +373,8 @@ fn walks_go_in_their_orders() {
     assert!(tree.level(MAX_LEVEL + 1).is_empty() && tree.level(NONE).is_empty());
 }
 
-fn main() {
-    let trials: Vec<Trial> = vec![
+pub(crate) fn trials() -> Vec<Trial> {
+    vec![
         trial("planted_differences_are_found", planted_differences_are_found),
         trial("neighbours_are_all_pairs_that_touch", neighbours_are_all_pairs_that_touch),
         trial(
@@ -401,6 +400,5 @@ fn main() {
         gpu_trial("a_refused_allocation_is_an_error", a_refused_allocation_is_an_error),
         gpu_trial("memory_is_told", memory_is_told),
         gpu_trial("periodic_trees_are_the_same", periodic_trees_are_the_same),
-    ];
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    ]
 }

@@ -1,13 +1,12 @@
 //! Winding numbers of the device against those of the CPU, and both against the sum over all elements.
 
-mod support;
-
-use libtest_mimic::{Arguments, Trial};
+use libtest_mimic::Trial;
 use nearfield::application::{GpuWindingNumber, WindingNumber};
 use nearfield::geometry::generate::{self, MeshKind};
 use nearfield::gpu::Gpu;
 use nearfield::{Error, Vec3};
-use support::{Random, gpu_trial};
+
+use crate::support::{Random, gpu_trial};
 
 fn places(n: usize) -> Vec<Vec3> {
     let mut random = Random(7);
@@ -28,8 +27,8 @@ fn compare(gpu: &Gpu, winding: &WindingNumber<f32>) {
     assert!(far <= 3, "{far} differ from the CPU");
 }
 
-fn main() {
-    let trials: Vec<Trial> = vec![
+pub(crate) fn trials() -> Vec<Trial> {
+    vec![
         gpu_trial("winding_numbers_of_samples_are_those_of_the_cpu", |gpu| {
             let mut random = Random(3);
             let mut normal = || Vec3::from_array(std::array::from_fn(|_| random.unit() - 0.5)).normalize();
@@ -56,6 +55,5 @@ fn main() {
             let expected = 0.25 / std::f32::consts::PI;
             assert!((number[0] - expected).abs() < 1e-6 && number[1] == 0.0, "{number:?}");
         }),
-    ];
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    ]
 }

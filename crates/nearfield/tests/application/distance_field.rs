@@ -1,14 +1,13 @@
 //! Distance fields of meshes: against a loop over all triangles, against true surfaces, and the signs of closed and of
 //! broken meshes.
 
-mod support;
-
 use nearfield::application::{DistanceSettings, MeshDistance, SignRule, Watch, grid_around};
 use nearfield::geometry::RegularGrid;
 use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::query::ClosestPointSearch;
 use nearfield::{BruteForceMesh, DVec3, Error, TriMesh, Vec3};
-use support::Random;
+
+use crate::support::Random;
 
 fn grid(mesh: &TriMesh, resolution: u32) -> RegularGrid {
     grid_around(mesh.origin, &mesh.bounds(), resolution, 4.0).unwrap()

@@ -1,9 +1,7 @@
 //! Distance fields of the device against those of the CPU: the same indices and undefined nodes, the same distances up to
 //! rounding.
 
-mod support;
-
-use libtest_mimic::{Arguments, Trial};
+use libtest_mimic::Trial;
 use nearfield::application::{
     DistanceField, DistanceMode, DistanceSettings, GpuMeshDistance, GpuOrientedSamples, MeshDistance, OrientedSamples,
     SignRule, Watch, grid_around,
@@ -12,7 +10,8 @@ use nearfield::geometry::generate::{MeshKind, mesh};
 use nearfield::geometry::{RegularGrid, TriMesh};
 use nearfield::gpu::Gpu;
 use nearfield::{Aabb, DVec3, Error, Vec3};
-use support::{Random, gpu_trial};
+
+use crate::support::{Random, gpu_trial};
 
 /// Samples of a torus and their normals.
 fn torus(n: usize) -> (Vec<Vec3>, Vec<Vec3>) {
@@ -129,7 +128,7 @@ fn compare_mesh(gpu: &Gpu, name: &str, mesh: &TriMesh, settings: &DistanceSettin
     assert!(here.n_defined() > 1000);
 }
 
-fn main() {
+pub(crate) fn trials() -> Vec<Trial> {
     let mut trials: Vec<Trial> = vec![gpu_trial("a_planted_difference_is_seen", |gpu| {
         let [mut here, there] = both(gpu, 500, 25, &DistanceSettings::default().mode(DistanceMode::Nearest));
         let at = here.distances.values().iter().position(|v| !v.is_nan()).unwrap();
@@ -223,5 +222,5 @@ fn main() {
         let none = GpuOrientedSamples::build(gpu, &[], &[]).unwrap();
         assert!(none.is_empty() && none.distance_field(&grid(&points, 33), &settings).is_err());
     }));
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    trials
 }

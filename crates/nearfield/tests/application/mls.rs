@@ -1,15 +1,12 @@
 //! Moving least squares on the CPU: exact on planes and spheres, as accurate on noisy surfaces as the published figures, equal to
 //! the formulas written down plainly, and honest about what it could not do.
 
-mod support;
-#[path = "support/surfaces.rs"]
-mod surfaces;
-
 use nearfield::application::{MlsReport, PlaneSearch, PointFlags, Support, Watch, spacing};
 use nearfield::geometry::vector;
 use nearfield::{AabbTreeN, AabbTreeNSettings, Error, MlsMethod, MlsProjection, MlsSettings, MlsSmoothing, Scalar};
-use support::is_long;
-use surfaces::{Surface, cube, sphere, torus};
+
+use crate::support::{Random, is_long};
+use crate::surfaces::{Surface, cube, sphere, torus};
 
 const METHODS: [MlsMethod; 9] = [
     MlsMethod::Pss { degree: 0, plane: PlaneSearch::Fast },
@@ -57,7 +54,7 @@ fn smoothed(surface: &Surface, normals: Option<&[[f64; 3]]>, radius: f64, settin
 fn tilted_plane<T: Scalar>() -> (Vec<[T; 3]>, [f64; 3]) {
     let normal = [0.48, 0.6, -0.64];
     let [u, v] = vector::tangents(normal);
-    let mut random = support::Random(3);
+    let mut random = Random(3);
     let mut coordinate = || f64::from(random.unit()) * 2.0 - 1.0;
     let point = |_| vector::add_scaled(vector::add_scaled([1.0, 2.0, -1.5], u, coordinate()), v, coordinate());
     ((0..2000).map(point).map(|p| p.map(T::of)).collect(), normal)
