@@ -7,6 +7,7 @@ mod radii;
 use std::fmt;
 use std::str::FromStr;
 
+use super::lattice::MOST_PARTICLES;
 use super::{Dimensions, PairRule, ParticleScene};
 use crate::{Error, Result};
 
@@ -113,8 +114,8 @@ pub fn builtin_scene(name: &str, options: &BuiltinOptions) -> Result<ParticleSce
     if let Some(radius) = options.radius.filter(|_| name != "paper-fig20") {
         return refuse("radius", radius.to_string(), "none: only paper-fig20 has a choice");
     }
-    if options.particles == Some(0) {
-        return refuse("particles", "0".to_owned(), "1 or more");
+    if let Some(particles) = options.particles.filter(|&n| n == 0 || f64::from(n) > MOST_PARTICLES) {
+        return refuse("particles", particles.to_string(), "1 or more, and at most 2^28");
     }
     match name {
         "dem-box" => Ok(grains::dem_box(options.particles.unwrap_or(16_384))),
