@@ -1,3 +1,14 @@
-//! Simulations of particles: published numbers, what is conserved, and the same trajectory by every search.
+//! Simulations of particles: published numbers, what is conserved, and the same trajectory by every search on every device.
 
 mod dem;
+mod dem_gpu;
+#[path = "../support/mod.rs"]
+mod support;
+
+use libtest_mimic::Arguments;
+
+fn main() {
+    let mut trials = dem::trials();
+    trials.extend(dem_gpu::trials());
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}

@@ -27,9 +27,9 @@ pub fn fill_box(low: DVec3, high: DVec3, spacing: f64, dimensions: Dimensions) -
         (0..count).map(move |i| low[axis] + (i as f64 + 0.5) * spacing)
     };
     match dimensions {
-        Dimensions::Three => along(2)
-            .flat_map(|z| along(1).flat_map(move |y| along(0).map(move |x| DVec3::new(x, y, z))))
-            .collect(),
+        Dimensions::Three => {
+            along(2).flat_map(|z| along(1).flat_map(move |y| along(0).map(move |x| DVec3::new(x, y, z)))).collect()
+        }
         Dimensions::Two => along(1).flat_map(|y| along(0).map(move |x| DVec3::new(x, y, 0.0))).collect(),
     }
 }

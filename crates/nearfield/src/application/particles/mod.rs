@@ -24,6 +24,15 @@ mod cpu;
 mod dem;
 mod dfsph;
 mod fluid;
+#[cfg(feature = "gpu")]
+mod gpu;
+#[cfg(feature = "gpu")]
+mod gpu_list;
+#[cfg(feature = "gpu")]
+mod gpu_neighborhood;
+#[cfg(feature = "gpu")]
+mod gpu_state;
+mod images;
 mod lattice;
 mod measures;
 mod neighborhood;
@@ -40,8 +49,22 @@ mod wcsph;
 pub use checkpoint::Checkpoint;
 pub use cpu::Simulation;
 pub use dem::{Collider, DemSettings, PairRule};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use dem::{DemCollide, DemIntegrate, Sum3};
 pub use dfsph::DfsphSettings;
 pub use fluid::{Fluid, SmoothingKernel};
+#[cfg(feature = "gpu")]
+pub use gpu::GpuSimulation;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::{ParticleClock, ParticleInspection, ParticlePart, ParticleRecord};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu_list::ParticleDrift;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu_state::ParticleBlock;
 pub use lattice::{fill_ball, fill_box, line_box};
 pub use measures::Measures;
 pub use pbf::PbfSettings;

@@ -1,13 +1,43 @@
-//! Position-based fluids (Macklin2013).
+//! Position-based fluids (Macklin2013): particles are moved until nowhere is denser than at rest.
+//!
+//! In each step: v += g Δt; x* = x + v Δt; one search of neighbours; rounds of { λ of every particle, then its displacement Δx, then it is
+//! kept between the walls }; v = (x* − x) / Δt; vorticity confinement; XSPH viscosity. With volumes V, and W and ∇W of the smoothing kernels
+//! poly6 and spiky, in two dimensions with the factors of the plane,
+//!
+//! - Cᵢ = Σ Vⱼ W(xᵢ − xⱼ) − 1, taken as 0 where it is below: particles do not attract each other
+//! - λᵢ = −Cᵢ / (Σₖ |∇ₖCᵢ|² + ε)
+//! - Δxᵢ = Σ Vⱼ (λᵢ + λⱼ + sᵢⱼ) ∇W(xᵢ − xⱼ), with sᵢⱼ = −(k / S) (W(xᵢ − xⱼ) / W(Δq))⁴
+//!
+//! Differs from the paper:
+//!
+//! - All is free of units. S is Σₖ |∇ₖC|² of the lattice at rest, ε a part of it, and k a compression; Macklin2013 gives the last two as
+//!   numbers that suit one size of particles.
+//! - The volume of a particle is 1 / Σ W over the lattice at rest, so that this lattice has the density at rest exactly, whatever the
+//!   support. Masses, as in measures, are those of [`Fluid::mass`], some percent apart.
+//! - Boundary particles have their part in the density and in ∇ᵢCᵢ, with the volumes of Akinci2012; they have no λ and no s.
+//!
+//! Particles are neighbours that were within the support in the search, at x* before the first round; those that only come so close in the
+//! rounds are met in the next step. No round moves particles far: what is missed lies at the edge of the support, where kernels vanish.
+//!
+//! Cost: two passes over the neighbours a round, one at the end for densities, one for viscosity and two for vorticity where asked for.
+
+mod cpu;
+mod finish;
+mod rest;
 
 use super::Fluid;
 use super::scene::{not_negative, positive};
 use crate::{Error, Result};
 
+pub(super) use cpu::CpuPbf;
+
+/// Largest support in spacings; neighbours are some four times its cube.
+const MOST_SPACINGS: f64 = 16.0;
+
 /// Of position-based fluids.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PbfSettings {
-    /// The fluid.
+    /// The fluid. Its support is at most 16 spacings.
     pub fluid: Fluid,
     /// Iterations of the density constraint in a step, at least.
     pub iterations: u32,
@@ -17,13 +47,14 @@ pub struct PbfSettings {
     pub tolerance: f64,
     /// ε of the constraint, in parts of Σ|∇C|² of the lattice at rest.
     pub relaxation: f64,
-    /// k of the artificial pressure that keeps particles apart at surfaces, 0 for none.
+    /// k of the artificial pressure that keeps particles apart at surfaces, 0 for none: two particles `tensile_distance` apart push each
+    /// other as if one of them were compressed by this part of the rest density.
     pub tensile_strength: f64,
-    /// |Δq| of the artificial pressure, in parts of the support.
+    /// |Δq| of the artificial pressure, in parts of the support, below 1.
     pub tensile_distance: f64,
-    /// ε of the vorticity confinement, 0 for none.
+    /// ε of the vorticity confinement, 0 for none: a speed, the acceleration for each unit of vorticity.
     pub vorticity: f64,
-    /// c of the XSPH viscosity, 0 for none.
+    /// c of the XSPH viscosity, 0 for none. Weights are m / ρ of the other, so it keeps momentum only where densities are alike.
     pub xsph: f64,
 }
 
@@ -45,18 +76,23 @@ impl PbfSettings {
 
     pub(super) fn validate(&self) -> Result<()> {
         self.fluid.validate()?;
+        let invalid = |setting, found, expected| Err(Error::InvalidSetting { setting, found, expected });
+        if self.fluid.support > MOST_SPACINGS * self.fluid.spacing {
+            let found = format!("{} with spacing {}", self.fluid.support, self.fluid.spacing);
+            return invalid("support of the fluid", found, "at most 16 spacings");
+        }
         if self.iterations == 0 || self.iterations > self.most_iterations {
             let found = format!("{} to {}", self.iterations, self.most_iterations);
-            return Err(Error::InvalidSetting {
-                setting: "iterations",
-                found,
-                expected: "1 or more, the fewest first",
-            });
+            return invalid("iterations", found, "1 or more, the fewest first");
         }
         positive("tolerance of the compression", self.tolerance)?;
         positive("relaxation of the constraint", self.relaxation)?;
         not_negative("strength of the artificial pressure", self.tensile_strength)?;
         positive("distance of the artificial pressure", self.tensile_distance)?;
+        if self.tensile_distance >= 1.0 {
+            let found = self.tensile_distance.to_string();
+            return invalid("distance of the artificial pressure", found, "below 1, in parts of the support");
+        }
         not_negative("vorticity confinement", self.vorticity)?;
         not_negative("XSPH viscosity", self.xsph)
     }

@@ -82,7 +82,8 @@ impl Tank {
         let volume: f64 = self.blocks.iter().map(|shape| shape.volume(dimensions)).sum();
         let free = (volume / f64::from(particles)).powf(1.0 / f64::from(dimensions.number()));
         // The shortest side is divided without a rest; the others of all tanks are multiples of half of it or so.
-        let shortest = if dimensions == Dimensions::Two { self.size.x.min(self.size.y) } else { self.size.min_element() };
+        let shortest =
+            if dimensions == Dimensions::Two { self.size.x.min(self.size.y) } else { self.size.min_element() };
         let cells = (shortest / free).round().max(1.0);
         let even = shortest / cells;
         if self.filled(even, dimensions).is_empty() { free.min(shortest) } else { even }
@@ -126,6 +127,7 @@ pub(super) fn scene(name: &str, options: &BuiltinOptions) -> Result<ParticleScen
         name: name.to_owned(),
         dimensions,
         domain: [DVec3::splat(-margin), tank.size + margin],
+        periodic: [false; 3],
         gravity: DVec3::new(0.0, -GRAVITY, 0.0),
         boundary: line_box(DVec3::ZERO, tank.size, spacing, dimensions),
         particles: Particles::at_rest(positions),

@@ -49,6 +49,7 @@ pub(super) fn in_box(name: &str, particles: Particles, settings: DemSettings) ->
         name: name.to_owned(),
         dimensions: Dimensions::Three,
         domain: [DVec3::NEG_ONE, DVec3::ONE],
+        periodic: [false; 3],
         gravity: DVec3::new(0.0, -GREEN_GRAVITY * smallest / GREEN_RADIUS, 0.0),
         particles,
         boundary: Vec::new(),
