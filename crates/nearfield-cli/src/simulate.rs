@@ -6,10 +6,10 @@ use std::time::Instant;
 use clap::Args;
 use nearfield::application::Watch;
 use nearfield::application::particles::{
-    Checkpoint, Dimensions, FluidModel, PairRule, ParticleScene, ParticleSearch, Simulate, Simulation,
+    Checkpoint, Dimensions, FluidModel, GpuSimulation, PairRule, ParticleScene, ParticleSearch, Simulate, Simulation,
     SimulationSettings, StepReport,
 };
-use nearfield::{DeviceChoice, Error, Gpu};
+use nearfield::{DeviceChoice, Error};
 
 use crate::exit::Failure;
 use crate::fallback::on_gpu;
@@ -226,15 +226,10 @@ fn open(
     settings: &SimulationSettings,
     notes: &mut Vec<String>,
 ) -> nearfield::Result<Box<dyn Simulate>> {
-    match on_gpu(device, notes, |gpu| open_on_gpu(gpu, scene))? {
-        Some(simulation) => Ok(simulation),
+    match on_gpu(device, notes, |gpu| GpuSimulation::new(gpu, scene, settings))? {
+        Some(simulation) => Ok(Box::new(simulation)),
         None => Ok(Box::new(Simulation::new(scene, settings)?)),
     }
-}
-
-fn open_on_gpu(gpu: &Gpu, scene: &ParticleScene) -> nearfield::Result<Box<dyn Simulate>> {
-    let what = format!("a simulation of {} on {}", scene.model.name(), gpu.name());
-    Err(Error::Unsupported { what, advice: "simulate on the CPU (--device cpu)" })
 }
 
 impl SimulateArgs {

@@ -44,6 +44,7 @@ mod scenes;
 mod search;
 mod simulate;
 mod state;
+mod surface;
 mod wcsph;
 
 pub use checkpoint::Checkpoint;
@@ -74,4 +75,5 @@ pub use scene_file::{parse_particle_scene, read_particle_scene};
 pub use scenes::{BuiltinOptions, FluidModel, builtin_names, builtin_scene};
 pub use search::{ParticleSearch, SimulationSettings};
 pub use simulate::{Simulate, StepReport};
+pub use surface::ParticleSurface;
 pub use wcsph::WcsphSettings;

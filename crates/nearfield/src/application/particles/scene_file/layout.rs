@@ -10,6 +10,7 @@ pub(super) struct SceneEntries {
     pub(super) name: Option<String>,
     pub(super) dimensions: Option<u32>,
     pub(super) domain: DomainEntry,
+    pub(super) periodic: Option<[bool; 3]>,
     pub(super) gravity: Option<[f64; 3]>,
     pub(super) time_step: StepEntry,
     pub(super) model: ModelEntry,

@@ -32,6 +32,7 @@ const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 /// | `name` | a short name | the name of the file |
 /// | `dimensions` | 2 or 3 | 3 |
 /// | `domain` | `{ low = […], high = […] }`: the box that is simulated | an error |
+/// | `periodic` | three times `true` or `false`: axes along which what leaves on one side comes back on the other | none |
 /// | `gravity` | acceleration of all particles | `[0.0, -9.81, 0.0]` |
 /// | `time_step` | a number for steps of one length, or `{ factor, least, most }` for steps by the model's rule | an error |
 /// | **`[model]`** | | an error |
@@ -113,6 +114,7 @@ fn parse(text: &str, usual_name: &str) -> Result<ParticleScene> {
         name: entries.name.clone().unwrap_or_else(|| usual_name.to_owned()),
         dimensions,
         domain: [entries.domain.low.into(), entries.domain.high.into()],
+        periodic: entries.periodic.unwrap_or_default(),
         gravity: entries.gravity.map_or(GRAVITY, DVec3::from_array),
         particles: Particles::default(),
         boundary: Vec::new(),

@@ -84,7 +84,7 @@ pub fn builtin_names() -> &'static [&'static str] {
 /// | `double-dam` | two such columns, half as high, at both ends | 16,000 |
 /// | `drop` | a ball of fluid above a basin | 16,000 |
 /// | `column` | a column at rest, 1 m high, that fills its tank from wall to wall | 4,096 |
-/// | `accel-fluid` | a block that falls apart in a domain of side 1, the fluid of Accel2017 | 10,000 |
+/// | `accel-fluid` | a block that falls apart in a domain of side 1, the fluid of Accel | 10,000 |
 /// | `dem-box` | grains of Green2010 in a box of side 2, exactly its start | 16,384 |
 /// | `paper-fig18` | grains, half of them as a bed and half as a block that falls into it, after figure 18 of Xing2017 | 50,000 |
 /// | `paper-fig20` | grains of three radii, after figure 20 of Xing2017 | 30,000 |
