@@ -170,7 +170,8 @@ pub(crate) fn run(args: &SimulateArgs, common: &Common) -> Result<(), Failure> {
     let settings = args.settings();
     let end = End::of(args, &scene);
     let look = Look::of(&scene, args.color, args.size)?;
-    let saved = args.resume.as_deref().map(|path| Checkpoint::read(path).map_err(Failure::reading(path))).transpose()?;
+    let saved =
+        args.resume.as_deref().map(|path| Checkpoint::read(path).map_err(Failure::reading(path))).transpose()?;
     let folder = Folder::open(&args.output, args.force || saved.is_some())?;
     interrupt::watch();
 
@@ -208,12 +209,17 @@ pub(crate) fn run(args: &SimulateArgs, common: &Common) -> Result<(), Failure> {
     match ended {
         Ok(is_whole) => {
             told.tell(args.json, common)?;
-            let what = || format!("interrupted after step {}; the folder has everything up to there", simulation.step());
+            let what =
+                || format!("interrupted after step {}; the folder has everything up to there", simulation.step());
             if is_whole { Ok(()) } else { Err(Failure::Interrupted(what())) }
         }
         Err(error @ Error::BlowUp { .. }) => {
             let kept = folder.checkpoint();
-            Err(Failure::BlowUp(format!("{error}; the state before, step {}, is in {}", simulation.step(), kept.display())))
+            Err(Failure::BlowUp(format!(
+                "{error}; the state before, step {}, is in {}",
+                simulation.step(),
+                kept.display()
+            )))
         }
         Err(error) => Err(Failure::Search(error)),
     }
@@ -343,7 +349,8 @@ impl Course<'_> {
         self.keep(simulation).map_err(Failure::writing)?;
         if self.args.video {
             let clock = Instant::now();
-            let rate = if simulation.scene().model.is_fluid() { self.rate.round().clamp(1.0, 100.0) as u16 } else { 25 };
+            let rate =
+                if simulation.scene().model.is_fluid() { self.rate.round().clamp(1.0, 100.0) as u16 } else { 25 };
             let size = self.folder.write_film(self.measured.last_frame(), self.args.shrink, rate)?;
             notes.extend(size.filter(|&bytes| bytes > 64 << 20).map(|bytes| {
                 format!("the film has {} MiB; --shrink or a lower --frames-per-second makes it smaller", bytes >> 20)

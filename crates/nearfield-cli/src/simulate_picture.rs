@@ -108,7 +108,9 @@ impl Look {
         match self.color {
             ColorBy::Speed => self.scale.color_of(particles.velocities[i].length() as f32),
             // Before the first step no density is known: that of rest.
-            ColorBy::Density => self.scale.color_of(particles.densities.get(i).map_or(f32::NAN, |&density| density as f32)),
+            ColorBy::Density => {
+                self.scale.color_of(particles.densities.get(i).map_or(f32::NAN, |&density| density as f32))
+            }
             ColorBy::Class => colormap::category(particles.classes[i].into()),
         }
     }

@@ -89,10 +89,7 @@ impl Told<'_> {
         let speed = measured.steps_a_second(self.seconds);
         rows.extend([
             ("device", format!("{}, neighbours by {}", self.device, self.settings.search)),
-            (
-                "steps",
-                format!("{} in {} s, {} a second", grouped(measured.steps()), few(self.seconds), few(speed)),
-            ),
+            ("steps", format!("{} in {} s, {} a second", grouped(measured.steps()), few(self.seconds), few(speed))),
             (
                 "neighbours",
                 format!("{} on average, {} rebuilds", few(measured.mean_neighbors()), grouped(measured.rebuilds())),

@@ -1,8 +1,7 @@
 //! Which scene is simulated, and until when.
 
 use nearfield::application::particles::{
-    BuiltinOptions, ParticleModel, ParticleScene, Simulate, TimeStep, builtin_names, builtin_scene,
-    read_particle_scene,
+    BuiltinOptions, ParticleModel, ParticleScene, Simulate, TimeStep, builtin_names, builtin_scene, read_particle_scene,
 };
 
 use crate::exit::Failure;
@@ -21,7 +20,8 @@ pub(crate) fn read(args: &SimulateArgs) -> Result<ParticleScene, Failure> {
     let name = args.scene.to_str().filter(|name| builtin_names().contains(name));
     if let Some(name) = name {
         let particles = args.particles.map(|Amount(n)| u32::try_from(n)).transpose();
-        let particles = particles.map_err(|_| Failure::Usage("--particles: expected at most 4,294,967,295".to_owned()))?;
+        let particles =
+            particles.map_err(|_| Failure::Usage("--particles: expected at most 4,294,967,295".to_owned()))?;
         let (model, dimensions) = (args.model, args.dimensions);
         let options = BuiltinOptions { particles, model, dimensions, pair_rule: args.pair_rule, radius: args.radius };
         return builtin_scene(name, &options).map_err(Failure::Search);

@@ -177,7 +177,10 @@ impl SurfaceOfParticlesArgs {
     /// The particles: of a checkpoint, where it is one, else of a file of points.
     fn read(&self, common: &Common) -> Result<PointCloud, Failure> {
         let is_npz = self.input.extension().is_some_and(|e| e.eq_ignore_ascii_case("npz"));
-        if is_npz && self.format.is_none() && let Ok(saved) = Checkpoint::read(&self.input) {
+        if is_npz
+            && self.format.is_none()
+            && let Ok(saved) = Checkpoint::read(&self.input)
+        {
             let origin = saved.particles.positions.first().copied().unwrap_or_default();
             let points: Vec<Vec3> = saved.particles.positions.iter().map(|p| (*p - origin).as_vec3()).collect();
             return Ok(PointCloud { origin, points, ..PointCloud::default() });

@@ -39,8 +39,7 @@ pub(crate) fn draw_balls(scene: &Scene<'_>, radii: &[f32], space: &Space, size: 
     let (width, height) = ((size.width * OVERSAMPLING) as usize, (size.height * OVERSAMPLING) as usize);
     let frame = frame(scene, size, OVERSAMPLING as f32);
     let corners = space.all_corners();
-    let camera =
-        if space.is_flat { Camera::front(&corners, frame) } else { Camera::fitted(&corners, scene.up, frame) };
+    let camera = if space.is_flat { Camera::front(&corners, frame) } else { Camera::fitted(&corners, scene.up, frame) };
     let layers = layers(scene, radii, &camera, frame, [width, height]);
     let mut image = shade::shaded(&layers, scene.colors, OVERSAMPLING as usize);
     let mut around = Around { image: &mut image, layers: &layers, camera: &camera };

@@ -137,13 +137,14 @@ fn palette(counts: &[u64]) -> Vec<[u8; 3]> {
         let (low, high) = colors.iter().fold((255, 0), |(l, h), (color, _)| (color[c].min(l), color[c].max(h)));
         f64::from(high.max(low) - low)
     };
-    let longest = |colors: &[([u8; 3], f64)]| {
-        (0..3).max_by(|&a, &b| side(colors, a).total_cmp(&side(colors, b))).unwrap_or(0)
-    };
+    let longest =
+        |colors: &[([u8; 3], f64)]| (0..3).max_by(|&a, &b| side(colors, a).total_cmp(&side(colors, b))).unwrap_or(0);
     let total = |colors: &[([u8; 3], f64)]| colors.iter().map(|(_, weight)| weight).sum::<f64>();
     let worth = |colors: &[([u8; 3], f64)]| side(colors, longest(colors)) * total(colors).sqrt();
     while boxes.len() < COLORS {
-        let Some(widest) = (0..boxes.len()).max_by(|&a, &b| worth(&boxes[a]).total_cmp(&worth(&boxes[b]))) else { break };
+        let Some(widest) = (0..boxes.len()).max_by(|&a, &b| worth(&boxes[a]).total_cmp(&worth(&boxes[b]))) else {
+            break;
+        };
         if boxes[widest].len() < 2 {
             break;
         }
@@ -160,9 +161,9 @@ fn palette(counts: &[u64]) -> Vec<[u8; 3]> {
         boxes.extend([colors, upper]);
     }
     let mean = |colors: &Vec<([u8; 3], f64)>| {
-        let sums = colors.iter().fold([0.0; 3], |sums, (color, weight)| {
-            [0, 1, 2].map(|c| sums[c] + weight * f64::from(color[c]))
-        });
+        let sums = colors
+            .iter()
+            .fold([0.0; 3], |sums, (color, weight)| [0, 1, 2].map(|c| sums[c] + weight * f64::from(color[c])));
         let total = total(colors);
         sums.map(|sum| (sum / total).round() as u8)
     };
@@ -186,7 +187,8 @@ impl<'a> Nearest<'a> {
             return index;
         }
         let color = color_of(bucket);
-        let distance = |other: &[u8; 3]| (0..3).map(|c| i32::from(color[c]).abs_diff(other[c].into()).pow(2)).sum::<u32>();
+        let distance =
+            |other: &[u8; 3]| (0..3).map(|c| i32::from(color[c]).abs_diff(other[c].into()).pow(2)).sum::<u32>();
         let index = (0..self.palette.len()).min_by_key(|&i| distance(&self.palette[i])).unwrap_or(0) as u8;
         self.known[bucket] = Some(index);
         index

@@ -8,7 +8,7 @@ use nearfield::application::particles::{
     builtin_scene,
 };
 
-use crate::dem::trial;
+use crate::support::trial;
 
 pub(crate) fn trials() -> Vec<Trial> {
     vec![
@@ -39,7 +39,8 @@ fn scenes() -> Vec<(String, ParticleScene)> {
 
 fn goes_on() {
     let searches = [(ParticleSearch::UniformGrid, false), (ParticleSearch::MultiLevelGrid, true)];
-    for ((name, scene), (search, deterministic)) in scenes().into_iter().flat_map(|s| searches.map(|t| (s.clone(), t))) {
+    for ((name, scene), (search, deterministic)) in scenes().into_iter().flat_map(|s| searches.map(|t| (s.clone(), t)))
+    {
         let settings =
             SimulationSettings { search, deterministic, reorder_every: REORDER_EVERY, ..SimulationSettings::default() };
         let start = || Simulation::new(&scene, &settings).expect("a scene that can be simulated");

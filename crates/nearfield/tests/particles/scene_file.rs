@@ -2,12 +2,11 @@
 
 use libtest_mimic::Trial;
 use nearfield::application::particles::{
-    Collider, Dimensions, PairRule, ParticleModel, SmoothingKernel, TimeStep, parse_particle_scene,
-    read_particle_scene,
+    Collider, Dimensions, PairRule, ParticleModel, SmoothingKernel, TimeStep, parse_particle_scene, read_particle_scene,
 };
 use nearfield::{DVec3, Error};
 
-use crate::dem::trial;
+use crate::support::trial;
 
 pub(crate) fn trials() -> Vec<Trial> {
     vec![
@@ -96,11 +95,16 @@ fn with_model(model: &str) -> String {
 }
 
 fn models_have_keys() {
-    let text = with_model("kind = 'wcsph'\nspacing = 0.1\nsound_speed = 30.0\nsmoothing = 'cubic-spline'\nexponent = 1.0");
-    let Ok(ParticleModel::Wcsph(wcsph)) = parse_particle_scene(&text).map(|scene| scene.model) else { panic!("{text}") };
+    let text =
+        with_model("kind = 'wcsph'\nspacing = 0.1\nsound_speed = 30.0\nsmoothing = 'cubic-spline'\nexponent = 1.0");
+    let Ok(ParticleModel::Wcsph(wcsph)) = parse_particle_scene(&text).map(|scene| scene.model) else {
+        panic!("{text}")
+    };
     assert_eq!((wcsph.sound_speed, wcsph.exponent, wcsph.smoothing), (30.0, 1.0, SmoothingKernel::CubicSpline));
     let text = with_model("kind = 'dfsph'\nspacing = 0.1\nsupport = 0.25\nmost_iterations = 7\nviscosity = 0.01");
-    let Ok(ParticleModel::Dfsph(dfsph)) = parse_particle_scene(&text).map(|scene| scene.model) else { panic!("{text}") };
+    let Ok(ParticleModel::Dfsph(dfsph)) = parse_particle_scene(&text).map(|scene| scene.model) else {
+        panic!("{text}")
+    };
     assert_eq!((dfsph.fluid.support, dfsph.most_iterations, dfsph.viscosity), (0.25, 7, 0.01));
 }
 
@@ -156,7 +160,8 @@ fn wrong_files() {
     }
     // A step of no length is refused, and so is none.
     for step in ["0.0", "-0.1", "nan", "'short'"] {
-        let text = with_model("kind = 'pbf'\nspacing = 0.1").replace("time_step = 0.01", &format!("time_step = {step}"));
+        let text =
+            with_model("kind = 'pbf'\nspacing = 0.1").replace("time_step = 0.01", &format!("time_step = {step}"));
         let error = parse_particle_scene(&text).expect_err(step).to_string();
         assert!(error.contains("step") || error.contains("a number, or a table"), "{step}: {error}");
     }

@@ -7,7 +7,7 @@ use nearfield::application::particles::{
 };
 use nearfield::{DVec3, Error};
 
-use crate::dem::trial;
+use crate::support::trial;
 
 const FLUIDS: [&str; 5] = ["dam-break", "double-dam", "drop", "column", "accel-fluid"];
 const DIMENSIONS: [Dimensions; 2] = [Dimensions::Two, Dimensions::Three];
@@ -50,8 +50,12 @@ fn scenes_are_sound() {
 fn walls_continue_the_lattice() {
     for name in FLUIDS {
         for (model, dimensions) in FluidModel::ALL.into_iter().flat_map(|m| DIMENSIONS.map(|d| (m, d))) {
-            let options =
-                BuiltinOptions { particles: Some(500), model: Some(model), dimensions: Some(dimensions), ..Default::default() };
+            let options = BuiltinOptions {
+                particles: Some(500),
+                model: Some(model),
+                dimensions: Some(dimensions),
+                ..Default::default()
+            };
             let scene = scene(name, &options);
             scene.validate().unwrap_or_else(|error| panic!("{name}, {model}: {error}"));
             assert_eq!(scene.model.name(), model.name());
@@ -62,7 +66,8 @@ fn walls_continue_the_lattice() {
                 ParticleModel::Dem(_) => panic!("{name} is a fluid"),
             };
             let fluid = &scene.particles.positions;
-            let to_walls = |place: &DVec3| scene.boundary.iter().map(|wall| wall.distance(*place)).fold(f64::INFINITY, f64::min);
+            let to_walls =
+                |place: &DVec3| scene.boundary.iter().map(|wall| wall.distance(*place)).fold(f64::INFINITY, f64::min);
             let nearest = fluid.iter().map(to_walls).fold(f64::INFINITY, f64::min);
             // The lattice goes on in the floor; only where the tank's height is no multiple of the spacing cells of walls are a little
             // narrower.
@@ -118,7 +123,9 @@ fn three_radii() {
         // The law is Green's where all have room, and weaker where they stand closer.
         assert_eq!(dem.spring == 0.5, part == 0.0025, "part {part}: spring {}", dem.spring);
         if part == 0.0025 {
-            for (places, spacing) in [(large, 3.0 * dem.radii[0]), (middle, 3.0 * dem.radii[1]), (small, 1.8 * dem.radii[2])] {
+            for (places, spacing) in
+                [(large, 3.0 * dem.radii[0]), (middle, 3.0 * dem.radii[1]), (small, 1.8 * dem.radii[2])]
+            {
                 let found = closest(&places[..2000]);
                 // Jitter moves each by up to a hundredth of its radius along each axis.
                 assert!((found / spacing - 1.0).abs() < 0.04, "{found}, not {spacing}");

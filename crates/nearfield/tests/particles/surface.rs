@@ -6,7 +6,7 @@ use nearfield::application::{ContourSettings, Watch, contour};
 use nearfield::geometry::mesh_topology::MeshTopology;
 use nearfield::{DVec3, Error, TriMesh, Vec3};
 
-use crate::dem::trial;
+use crate::support::trial;
 
 pub(crate) fn trials() -> Vec<Trial> {
     vec![

@@ -70,7 +70,8 @@ impl Checkpoint {
         if !self.particles.densities.is_empty() {
             arrays.push(("densities", NpyArray::F64(&self.particles.densities)));
         }
-        let last = [("order", NpyArray::U32(&self.order)), ("step", NpyArray::U64(&step)), ("time", NpyArray::F64(&time))];
+        let last =
+            [("order", NpyArray::U32(&self.order)), ("step", NpyArray::U64(&step)), ("time", NpyArray::F64(&time))];
         arrays.extend(last);
         write_atomically(path, force, |w| write_npz(&arrays, w))
     }

@@ -78,7 +78,11 @@ impl ParticleSurface {
         let search = UniformGrid::build(points, &GridSettings::for_radius(self.support as f32))?;
         if points.is_empty() {
             let expected = "one or more";
-            return Err(Error::InvalidSetting { setting: "particles of a surface", found: "none".to_owned(), expected });
+            return Err(Error::InvalidSetting {
+                setting: "particles of a surface",
+                found: "none".to_owned(),
+                expected,
+            });
         }
         let around = self.radius + 2.0 * self.cell;
         let grid = RegularGrid::over(origin, &Aabb::of_points(points).swept(around as f32), self.cell as f32)?;
@@ -94,7 +98,13 @@ impl ParticleSurface {
     }
 
     /// The field at nodes with these numbers.
-    fn values(&self, search: &UniformGrid, points: &[Vec3], grid: &RegularGrid, nodes: Range<usize>) -> Result<Vec<f32>> {
+    fn values(
+        &self,
+        search: &UniformGrid,
+        points: &[Vec3],
+        grid: &RegularGrid,
+        nodes: Range<usize>,
+    ) -> Result<Vec<f32>> {
         let places: Vec<Vec3> = nodes.filter_map(|number| grid.node(number)).map(|node| grid.position(node)).collect();
         // In the order of indices: the same bits whatever the number of threads.
         let question = FixedRadius::new(self.support as f32).queries(&places).order(RowOrder::Index);

@@ -82,8 +82,7 @@ fn fluid(entry: &ModelEntry) -> Result<Fluid> {
 fn dem(entry: &ModelEntry) -> Result<DemSettings> {
     let radii = needed(entry.kind, "radii", entry.radii.clone())?;
     let usual = DemSettings::green(1.0);
-    let collider =
-        entry.collider.map(|ball| Collider { center: DVec3::from_array(ball.center), radius: ball.radius });
+    let collider = entry.collider.map(|ball| Collider { center: DVec3::from_array(ball.center), radius: ball.radius });
     Ok(DemSettings {
         radii,
         pair_rule: entry.pair_rule.map_or(usual.pair_rule, Into::into),
@@ -137,7 +136,10 @@ fn check_keys(entry: &ModelEntry) -> Result<()> {
     match keys.iter().find(|(_, is_set, kinds)| *is_set && !kinds.contains(&entry.kind)) {
         Some((key, _, kinds)) => {
             let kinds: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
-            Err(fault(format!("{key} of a {} model", entry.kind.name()), &format!("it with kind {}", kinds.join(" or "))))
+            Err(fault(
+                format!("{key} of a {} model", entry.kind.name()),
+                &format!("it with kind {}", kinds.join(" or ")),
+            ))
         }
         None => Ok(()),
     }
