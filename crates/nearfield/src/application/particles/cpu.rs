@@ -8,7 +8,7 @@ use super::images::Images;
 use super::neighborhood::Neighborhood;
 use super::pbf::CpuPbf;
 use super::reach::Reach;
-use super::simulate::same_particles;
+use super::simulate::{same_order, same_particles};
 use super::state::State;
 use super::wcsph::CpuWcsph;
 use super::{Measures, ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
@@ -181,11 +181,21 @@ impl Simulate for Simulation {
     }
 
     fn resume(&mut self, particles: &Particles, step: u64, time: f64) -> Result<()> {
+        let order: Vec<u32> = (0..particles.len() as u32).collect();
+        self.resume_in_order(particles, &order, step, time)
+    }
+
+    fn order(&self) -> Result<Vec<u32>> {
+        Ok(self.state.ids.clone())
+    }
+
+    fn resume_in_order(&mut self, particles: &Particles, order: &[u32], step: u64, time: f64) -> Result<()> {
         let mut scene = self.scene.clone();
         scene.particles.clone_from(particles);
         scene.validate()?;
         same_particles(&self.scene.particles, particles)?;
-        self.state = State::new(&scene, self.state.classes.len());
+        same_order(order, particles.len())?;
+        self.state = State::in_order(&scene, self.state.classes.len(), order.to_vec());
         self.last_good.clone_from(&self.state);
         self.around.forget();
         (self.step, self.time) = (step, time);
