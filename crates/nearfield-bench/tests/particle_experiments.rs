@@ -141,7 +141,9 @@ fn experiments_are_complete(device: DeviceChoice, gpu: Option<&Gpu>) {
     is(measured(&figure_20, "spread over r"), of_all(&names));
     let papers: BTreeSet<&str> = figure_20
         .iter()
-        .filter(|row| row["method"].starts_with("uniform-grid,") && row["setting"] == "gather" && row["unit"] == "steps/s")
+        .filter(|row| {
+            row["method"].starts_with("uniform-grid,") && row["setting"] == "gather" && row["unit"] == "steps/s"
+        })
         .map(|row| &*row["paper_value"])
         .collect();
     assert_eq!(papers, ["0.400000", "21.000000", "4.000000"].into());

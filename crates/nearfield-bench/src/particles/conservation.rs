@@ -19,7 +19,7 @@ const STEPS: u32 = 200;
 const RADIUS: f64 = 0.02;
 /// Speed of each cloud towards the other, in radii a step.
 const SPEED: f64 = 0.05;
-/// How much the sum of all momenta may drift by the sum of their lengths at the start: in single and in double precision.
+/// How much the sum of all momenta may drift by the sum of their lengths: in single and in double precision.
 const DRIFT: [f64; 2] = [1e-6, 1e-13];
 /// How much the kinetic energy may rise in a step by rounding, in parts.
 const ROUNDING: f64 = 1e-5;
@@ -78,7 +78,7 @@ pub fn scene(particles: usize, spring: f64) -> ParticleScene {
 fn drift(lab: &Lab, case: &Case, way: Way, mut row: Row) -> Result<Vec<Row>> {
     let mut simulation = way.open(lab, &case.scene, false)?;
     let start = simulation.measure()?;
-    let lengths: f64 = case.scene.particles.velocities.iter().map(|v| v.length()).sum();
+    let lengths = |particles: &Particles| -> f64 { particles.velocities.iter().map(|v| v.length()).sum() };
     let is_damped = matches!(&case.scene.model, ParticleModel::Dem(dem) if dem.spring == 0.0);
     let (mut energy, mut neighbors) = (start.kinetic_energy, 0.0);
     let every = (case.steps / 10).max(1);
@@ -97,8 +97,9 @@ fn drift(lab: &Lab, case: &Case, way: Way, mut row: Row) -> Result<Vec<Row>> {
         }
         energy = now.kinetic_energy;
     }
-    let end = simulation.measure()?;
-    let drift = (end.momentum - start.momentum).length() / lengths;
+    let particles = simulation.particles()?;
+    let end = Measures::of(&case.scene, &particles);
+    let drift = (end.momentum - start.momentum).length() / lengths(&case.scene.particles).max(lengths(&particles));
     let most = DRIFT[usize::from(!way.on_gpu)];
     if !(drift <= most) {
         return Err(format!("wrong answer: the momentum drifts by {drift:.2e}, expected {most:.0e} at most").into());
