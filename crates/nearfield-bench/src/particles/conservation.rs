@@ -3,7 +3,9 @@
 
 use nearfield::DVec3;
 use nearfield::application::Watch;
-use nearfield::application::particles::{DemSettings, Dimensions, ParticleModel, ParticleScene, Particles, TimeStep};
+use nearfield::application::particles::{
+    DemSettings, Dimensions, Measures, ParticleModel, ParticleScene, Particles, TimeStep,
+};
 use nearfield::geometry::generate::{CloudKind, cloud};
 
 use super::case::{self, Case};
@@ -38,7 +40,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
             let case = Case { scene, paper_particles: PARTICLES, setting, r_over_l: 0.0, steps };
             for search in searches() {
                 let way = Way { search, on_gpu };
-                let row = Row { quantity: "drift of the momentum", unit: "parts", ..case.row(lab, on_gpu, way.name()) };
+                let row = Row { quantity: "drift of the momentum", unit: "1e-15", ..case.row(lab, on_gpu, way.name()) };
                 sheet.attempt(row.clone(), || drift(lab, &case, way, row))?;
             }
         }
@@ -110,5 +112,5 @@ fn drift(lab: &Lab, case: &Case, way: Way, mut row: Row) -> Result<Vec<Row>> {
         "{drift:.2e} of all momenta's lengths after {done} steps, {most:.0e} is allowed; kinetic energy {:.4e} to {:.4e}",
         start.kinetic_energy, end.kinetic_energy
     );
-    Ok(vec![row.value(drift)])
+    Ok(vec![row.value(drift * 1e15)])
 }

@@ -68,8 +68,8 @@ const HEAD: Head<'_> = Head {
     title: "The simulations of Xing2017, measured again",
     notes: &original::NOTES,
     times: "Steps a second are those of a run from the start of its scene, first builds included, by wall clock with the device having \
-            finished; kernels are compiled before. The device is waited for after batches of steps, in figure 19 after each. Before each \
-            run of grains its search makes some steps in deterministic mode, after which every particle must be to the bit where another \
+            finished; kernels are compiled before. The device is waited for after batches of steps, in figure 19 after each. Before and \
+            after each run of grains its search makes some steps in deterministic mode, after which every particle must be to the bit where another \
             search leads it; after it all particles together must be where the others leave them.",
 };
 
