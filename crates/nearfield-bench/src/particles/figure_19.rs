@@ -37,7 +37,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
     let mut writer = csv::Writer::from_path(lab.path("figure-19-steps.csv"))?;
     writer.write_record(STEP_COLUMNS)?;
     let mut panels = Vec::new();
-    let mut pace = Pace::new(lab, devices(lab).len() * SEARCHES.len());
+    let mut pace = Pace::of_searches(lab, devices(lab).len() * SEARCHES.len());
     for &on_gpu in devices(lab) {
         let mut series = Vec::new();
         for search in SEARCHES {

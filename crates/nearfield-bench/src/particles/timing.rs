@@ -29,8 +29,10 @@ pub struct Timed {
     pub iterations: f64,
     /// Mean density error over all steps, in parts.
     pub density_error: f64,
-    /// At the end.
+    /// Of all particles at the end.
     pub end: Measures,
+    /// They themselves.
+    pub particles: Particles,
 }
 
 impl Timed {
@@ -97,6 +99,7 @@ pub fn run(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64)
     }
     let took = begin.elapsed().as_secs_f64();
     let mean = |sum: f64| sum / f64::from(done.max(1));
+    let particles = simulation.particles()?;
     Ok(Timed {
         steps: done,
         seconds: took,
@@ -104,7 +107,8 @@ pub fn run(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64)
         rebuilds,
         iterations: mean(iterations),
         density_error: mean(density_error),
-        end: simulation.measure()?,
+        end: Measures::of(scene, &particles),
+        particles,
     })
 }
 
