@@ -85,11 +85,11 @@ impl CpuPbf {
         });
     }
 
-    /// `[b]` volumes of the boundary: Akinci2012's masses in parts of the density at rest.
+    /// `[b]` volumes of the boundary: Akinci2012's masses in parts of the density at rest, times the wall's factor.
     fn boundary_volumes(&self, state: &State, around: &Neighborhood) -> Result<Vec<f64>> {
         let fluid = &self.settings.fluid;
         let masses = masses(fluid, SmoothingKernel::Poly6, self.dimensions, state, around)?;
-        Ok(masses[state.n_moving()..].iter().map(|mass| mass / fluid.rest_density).collect())
+        Ok(masses[state.n_moving()..].iter().map(|mass| self.rest.wall * mass / fluid.rest_density).collect())
     }
 }
 

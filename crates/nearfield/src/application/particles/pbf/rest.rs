@@ -12,6 +12,9 @@ pub(super) struct AtRest {
     pub(super) rest_density: f64,
     /// Volume of a particle: Σ V W over the lattice is 1.
     pub(super) volume: f64,
+    /// Factor of the volumes of a wall of one layer, with which it counts one spacing away as much as all the layers of the lattice that it
+    /// stands for.
+    pub(super) wall: f64,
     /// Σₖ |∇ₖC|² of a particle of the lattice.
     pub(super) squares: f64,
     /// ε of the constraint.
@@ -34,6 +37,7 @@ impl AtRest {
             support,
             rest_density: fluid.rest_density,
             volume: 0.0,
+            wall: 0.0,
             squares: 0.0,
             relaxation: 0.0,
             tensile: 0.0,
@@ -41,7 +45,13 @@ impl AtRest {
             slope_norm,
         };
         let offsets = lattice(fluid.spacing, support, dimensions);
-        rest.volume = 1.0 / offsets.iter().map(|offset| rest.value(offset.length())).sum::<f64>();
+        let of = |is_in: &dyn Fn(f64) -> bool| -> f64 {
+            let layers = offsets.iter().filter(|offset| is_in(offset.y / fluid.spacing));
+            layers.map(|offset| rest.value(offset.length())).sum()
+        };
+        let [all, beyond] = [of(&|_| true), of(&|layer| layer > 0.5)];
+        let [own, next] = [of(&|layer| layer.abs() < 0.5), of(&|layer| (layer - 1.0).abs() < 0.5)];
+        (rest.volume, rest.wall) = (1.0 / all, beyond / all * own / next);
         // On the lattice ∇ of a particle's own constraint by its own place is 0.
         let gradient = |offset: &DVec3| (rest.volume * rest.gradient(*offset, offset.length())).length_squared();
         rest.squares = offsets.iter().map(gradient).sum();
@@ -98,21 +108,31 @@ mod tests {
         let [edge, face, corner] = [0.75_f64.powi(3), 0.5_f64.powi(3), 0.25_f64.powi(3)];
         let squares = |q: f64| (1.0 - q).powi(4);
         let [near, middle, far] = [0.25_f64, 0.5, 0.75].map(f64::sqrt).map(squares);
-        for (dimensions, values, value_norm, slopes, slope_norm) in [
+        for (dimensions, values, layer, value_norm, slopes, slope_norm) in [
             (
                 Dimensions::Three,
                 1.0 + 6.0 * edge + 12.0 * face + 8.0 * corner,
+                1.0 + 4.0 * edge + 4.0 * face,
                 315.0 / (64.0 * pi),
                 6.0 * near + 12.0 * middle + 8.0 * far,
                 -45.0 / pi,
             ),
-            (Dimensions::Two, 1.0 + 4.0 * edge + 4.0 * face, 4.0 / pi, 4.0 * near + 4.0 * middle, -30.0 / pi),
+            (
+                Dimensions::Two,
+                1.0 + 4.0 * edge + 4.0 * face,
+                1.0 + 2.0 * edge,
+                4.0 / pi,
+                4.0 * near + 4.0 * middle,
+                -30.0 / pi,
+            ),
         ] {
             let rest = AtRest::new(&settings, dimensions);
             // With a support of 1 the factors are those of the kernels.
             let volume = 1.0 / (value_norm * values);
             let by_hand = (volume * slope_norm).powi(2) * slopes;
             assert!((rest.volume / volume - 1.0).abs() < 1e-14, "{dimensions:?}: volume {}", rest.volume);
+            // Of the missing side, a wall of two spacings' support has the one layer that there is.
+            assert!((rest.wall - layer / values).abs() < 1e-14, "{dimensions:?}: wall {}", rest.wall);
             assert!((rest.squares / by_hand - 1.0).abs() < 1e-13, "{dimensions:?}: {}", rest.squares);
             assert!((rest.relaxation / by_hand - 1e-3).abs() < 1e-15, "{dimensions:?}: {}", rest.relaxation);
         }
