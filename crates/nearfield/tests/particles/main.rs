@@ -1,5 +1,17 @@
-//! Simulations of particles: published numbers, what is conserved, and the same trajectory by every search.
+//! Simulations of particles: published numbers, what is conserved, and the same trajectory by every search on every device.
 
 mod dem;
+mod dem_gpu;
 mod pbf;
 mod pbf_reference;
+#[path = "../support/mod.rs"]
+mod support;
+
+use libtest_mimic::Arguments;
+
+fn main() {
+    let mut trials = dem::trials();
+    trials.extend(dem_gpu::trials());
+    trials.extend(pbf::trials());
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}

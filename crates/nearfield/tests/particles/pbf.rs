@@ -1,5 +1,6 @@
 //! Position-based fluids: the printed formulas over all pairs, fluids that rest, and what is conserved.
 
+use libtest_mimic::Trial;
 use nearfield::application::Watch;
 use nearfield::application::particles::{
     Dimensions, Fluid, ParticleModel, ParticleScene, ParticleSearch, Particles, PbfSettings, Simulate, Simulation,
@@ -7,27 +8,35 @@ use nearfield::application::particles::{
 };
 use nearfield::{DVec3, Error};
 
-use super::pbf_reference::{Kernels, step};
+use crate::pbf_reference::{Kernels, step};
+use crate::support::{Random, is_long, trial};
 
 const SPACING: f64 = 0.1;
 const SEED: u64 = 20;
 
-/// Numbers in [-1, 1), the same in every run (splitmix64).
-struct Random(u64);
+pub(crate) fn trials() -> Vec<Trial> {
+    vec![
+        trial("columns_rest_for_ten_seconds_in_space", columns_rest_for_ten_seconds_in_space),
+        trial("columns_rest_for_ten_seconds_in_the_plane", columns_rest_for_ten_seconds_in_the_plane),
+        trial("steps_are_the_printed_formulas_over_all_pairs", steps_are_the_printed_formulas_over_all_pairs),
+        trial("free_fall_is_exact", free_fall_is_exact),
+        trial("momentum_is_conserved_without_walls_and_gravity", momentum_is_conserved_without_walls_and_gravity),
+        trial("all_searches_give_the_same_trajectory", all_searches_give_the_same_trajectory),
+        trial("viscosity_averages_velocities", viscosity_averages_velocities),
+        trial("vorticity_confinement_spins_vortices", vorticity_confinement_spins_vortices),
+        trial("iterations_end_at_the_tolerance", iterations_end_at_the_tolerance),
+        trial("steps_by_speed_are_a_part_of_the_diameter", steps_by_speed_are_a_part_of_the_diameter),
+        trial("no_particles_and_one_are_simulated", no_particles_and_one_are_simulated),
+        trial("particles_at_one_place_fall_together", particles_at_one_place_fall_together),
+        trial("steps_may_be_tiny", steps_may_be_tiny),
+        trial("settings_that_cannot_be_are_errors_by_name", settings_that_cannot_be_are_errors_by_name),
+    ]
+}
 
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut bits = self.0;
-        bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((bits ^ (bits >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-    }
-
-    fn vector(&mut self, dimensions: Dimensions) -> DVec3 {
-        let [x, y, z] = std::array::from_fn(|_| self.next());
-        if dimensions == Dimensions::Two { DVec3::new(x, y, 0.0) } else { DVec3::new(x, y, z) }
-    }
+/// Coordinates in [-1, 1).
+fn random_vector(random: &mut Random, dimensions: Dimensions) -> DVec3 {
+    let [x, y, z] = std::array::from_fn(|_| 2.0 * f64::from(random.unit()) - 1.0);
+    if dimensions == Dimensions::Two { DVec3::new(x, y, 0.0) } else { DVec3::new(x, y, z) }
 }
 
 /// A lattice of so many places along each axis, the first at `first`, one layer at z = 0 in the plane.
@@ -45,6 +54,7 @@ fn scene(dimensions: Dimensions, positions: Vec<DVec3>, step: f64) -> ParticleSc
         domain: [DVec3::splat(-10.0), DVec3::splat(10.0)],
         gravity: DVec3::ZERO,
         particles: Particles::at_rest(positions),
+        periodic: [false; 3],
         boundary: Vec::new(),
         model: ParticleModel::Pbf(PbfSettings::new(Fluid::water(SPACING))),
         time_step: TimeStep::Fixed(step),
@@ -111,14 +121,11 @@ fn rests(dimensions: Dimensions, size: [i32; 3]) {
     assert!((simulation.time() - 10.0).abs() < 1e-9);
 }
 
-#[test]
 fn columns_rest_for_ten_seconds_in_space() {
     // With `NEARFIELD_LONG=1` of eight times as many particles.
-    let is_long = std::env::var_os("NEARFIELD_LONG").is_some_and(|value| value == "1");
-    rests(Dimensions::Three, if is_long { [12, 24, 12] } else { [6, 12, 6] });
+    rests(Dimensions::Three, if is_long() { [12, 24, 12] } else { [6, 12, 6] });
 }
 
-#[test]
 fn columns_rest_for_ten_seconds_in_the_plane() {
     rests(Dimensions::Two, [10, 12, 1]);
 }
@@ -129,10 +136,10 @@ fn disturbed(dimensions: Dimensions, across: i32) -> ParticleScene {
     let size = [6, 5, if dimensions == Dimensions::Two { 1 } else { across }];
     let mut scene = scene(dimensions, lattice(size, 0.95 * SPACING, DVec3::ZERO), 0.004);
     for position in &mut scene.particles.positions {
-        *position += 0.2 * SPACING * random.vector(dimensions);
+        *position += 0.2 * SPACING * random_vector(&mut random, dimensions);
     }
     for velocity in &mut scene.particles.velocities {
-        *velocity = random.vector(dimensions);
+        *velocity = random_vector(&mut random, dimensions);
     }
     let floor = lattice([10, 1, if dimensions == Dimensions::Two { 1 } else { 8 }], 0.8 * SPACING, DVec3::ZERO);
     scene.boundary = floor.into_iter().map(|place| place - DVec3::new(0.1, SPACING, 0.0)).collect();
@@ -143,7 +150,6 @@ fn disturbed(dimensions: Dimensions, across: i32) -> ParticleScene {
     scene
 }
 
-#[test]
 fn steps_are_the_printed_formulas_over_all_pairs() {
     for (dimensions, support) in [(Dimensions::Three, 2.0), (Dimensions::Three, 2.7), (Dimensions::Two, 2.0)] {
         let mut scene = disturbed(dimensions, 4);
@@ -168,7 +174,6 @@ fn steps_are_the_printed_formulas_over_all_pairs() {
     }
 }
 
-#[test]
 fn free_fall_is_exact() {
     let mut scene = scene(Dimensions::Three, lattice([5, 5, 5], SPACING, DVec3::splat(1.0)), 0.01);
     scene.gravity = DVec3::new(0.3, -9.81, 0.0);
@@ -191,7 +196,6 @@ fn free_fall_is_exact() {
     }
 }
 
-#[test]
 fn momentum_is_conserved_without_walls_and_gravity() {
     for dimensions in [Dimensions::Three, Dimensions::Two] {
         let mut scene = disturbed(dimensions, 4);
@@ -210,7 +214,6 @@ fn momentum_is_conserved_without_walls_and_gravity() {
     }
 }
 
-#[test]
 fn all_searches_give_the_same_trajectory() {
     let scene = disturbed(Dimensions::Three, 6);
     let of = |search| {
@@ -227,7 +230,6 @@ fn all_searches_give_the_same_trajectory() {
     }
 }
 
-#[test]
 fn viscosity_averages_velocities() {
     let near = DVec3::new(0.6 * SPACING, 0.0, 0.0);
     let mut scene = scene(Dimensions::Three, vec![DVec3::ZERO, near], 0.001);
@@ -245,7 +247,6 @@ fn viscosity_averages_velocities() {
     }
 }
 
-#[test]
 fn vorticity_confinement_spins_vortices() {
     let places = lattice([21, 21, 1], SPACING, DVec3::new(-10.0 * SPACING, -10.0 * SPACING, 0.0));
     let mut scene = scene(Dimensions::Two, places.clone(), 1e-4);
@@ -270,7 +271,6 @@ fn vorticity_confinement_spins_vortices() {
     assert!((0.6..0.88).contains(&part), "{part} of the expected spin");
 }
 
-#[test]
 fn iterations_end_at_the_tolerance() {
     let mut scene = disturbed(Dimensions::Three, 6);
     let settings = pbf(&mut scene);
@@ -284,7 +284,6 @@ fn iterations_end_at_the_tolerance() {
     assert!(reports.iter().any(|report| (3..500).contains(&report.iterations)), "{reports:?}");
 }
 
-#[test]
 fn steps_by_speed_are_a_part_of_the_diameter() {
     let mut scene = scene(Dimensions::Three, vec![DVec3::ZERO, DVec3::ONE], 1.0);
     scene.gravity = DVec3::new(0.0, -9.81, 0.0);
@@ -302,7 +301,6 @@ fn steps_by_speed_are_a_part_of_the_diameter() {
     assert!((way / (0.4 * SPACING) - 1.0).abs() < 1e-12, "a step of {whole} leads {way} far");
 }
 
-#[test]
 fn no_particles_and_one_are_simulated() {
     for positions in [Vec::new(), vec![DVec3::ONE]] {
         for dimensions in [Dimensions::Two, Dimensions::Three] {
@@ -319,7 +317,6 @@ fn no_particles_and_one_are_simulated() {
     }
 }
 
-#[test]
 fn particles_at_one_place_fall_together() {
     let mut scene = scene(Dimensions::Three, vec![DVec3::ONE; 50], 0.01);
     scene.gravity = DVec3::new(0.0, -10.0, 0.0);
@@ -336,7 +333,6 @@ fn particles_at_one_place_fall_together() {
     assert_eq!(reports[9].mean_neighbors, 49.0);
 }
 
-#[test]
 fn steps_may_be_tiny() {
     let mut scene = scene(Dimensions::Three, lattice([4, 4, 4], 1.05 * SPACING, DVec3::ONE), 1e-12);
     scene.gravity = DVec3::new(0.0, -10.0, 0.0);
@@ -348,7 +344,6 @@ fn steps_may_be_tiny() {
     assert!(speed < 1e-20, "{speed} beside the fall");
 }
 
-#[test]
 fn settings_that_cannot_be_are_errors_by_name() {
     let changes: [(&str, fn(&mut PbfSettings)); 11] = [
         ("spacing of the fluid", |s| s.fluid.spacing = -0.1),

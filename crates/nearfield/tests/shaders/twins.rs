@@ -4,6 +4,10 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use nearfield::application::mls::{ConcludeParameters, FitParameters, FitState, IterationSums, PointPlace};
+use nearfield::application::particles::{
+    DemCollide, DemIntegrate, ParticleBlock, ParticleClock, ParticleDrift, ParticleInspection, ParticlePart,
+    ParticleRecord, Sum3,
+};
 use nearfield::application::wlop::{AdvanceParameters, DensityParameters, PairParameters, Pull, Record, RecordPart};
 use nearfield::application::{
     ContourCell, ContourParameters, FieldParameters, PathParameters, PathState, SceneLayout, WindingLayout,
@@ -167,6 +171,36 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         padding_0,
         padding_1
     });
+    let inspection = layout_of!(ParticleInspection {
+        n_particles,
+        n_parts,
+        rest_density,
+        max_speed2,
+        factor,
+        length,
+        sound_speed,
+        least_step,
+        most_step,
+        padding_0,
+        padding_1,
+        padding_2
+    });
+    let collide = layout_of!(DemCollide {
+        collider,
+        radii,
+        spring,
+        damping,
+        shear,
+        attraction,
+        pair_rule,
+        one_class,
+        is_first,
+        is_last,
+        quantum,
+        inverse_quantum,
+        padding_0,
+        padding_1
+    });
     let contour =
         layout_of!(ContourParameters { corner, spacing, nodes, n_nodes, level, two_sided, threshold, n_cells });
     BTreeMap::from([
@@ -211,6 +245,14 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ("Sweep", sweep),
         ("Domain", domain()),
         ("ContourParameters", contour),
+        ("ParticleBlock", layout_of!(ParticleBlock { first, count, padding_0, padding_1 })),
+        ("ParticleDrift", layout_of!(ParticleDrift { n_points, limit2, padding_0, padding_1 })),
+        ("ParticleInspection", inspection),
+        (
+            "DemIntegrate",
+            layout_of!(DemIntegrate { gravity, n_particles, low, global_damping, high, wall_damping, radii }),
+        ),
+        ("DemCollide", collide),
     ])
 }
 
@@ -260,10 +302,32 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
             }),
         ),
     ];
+    let particles = [
+        ("ParticleClock", layout_of!(ParticleClock { time_step, time, made, padding })),
+        ("ParticlePart", layout_of!(ParticlePart { neighbors, max_speed2, compression, max_compression, first_bad })),
+        (
+            "ParticleRecord",
+            layout_of!(ParticleRecord {
+                neighbors,
+                max_speed2,
+                compression,
+                max_compression,
+                first_bad,
+                time_step,
+                time,
+                padding,
+                position,
+                velocity
+            }),
+        ),
+        ("Sum3", layout_of!(Sum3 { value, padding_0, whole, padding_1, part, padding_2 })),
+    ];
     let compressed =
         layout_of!(CompressedNode { origin, steps, first_node, first_triangle, slots, low_xy, low_z_high_x, high_yz });
     let nodes = [("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node), ("CompressedNode", compressed)];
-    BTreeMap::from_iter(nodes.into_iter().chain(rays).chain(fits).chain([("Asked", asked), ("HitN", hit)]))
+    BTreeMap::from_iter(
+        nodes.into_iter().chain(rays).chain(fits).chain(particles).chain([("Asked", asked), ("HitN", hit)]),
+    )
 }
 
 /// The layout of a domain, whose fields are private: from where its values stand.

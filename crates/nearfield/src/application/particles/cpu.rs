@@ -3,10 +3,13 @@
 use rayon::prelude::*;
 
 use super::dem::CpuDem;
+use super::dfsph::CpuDfsph;
+use super::images::Images;
 use super::neighborhood::Neighborhood;
 use super::pbf::CpuPbf;
 use super::simulate::same_particles;
 use super::state::State;
+use super::wcsph::CpuWcsph;
 use super::{Measures, ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
 use crate::application::Watch;
 use crate::{Error, Result};
@@ -65,11 +68,13 @@ impl Simulation {
         if let Some(last) = classes.last_mut() {
             last.end = state.positions.len();
         }
-        let around = Neighborhood::new(settings.search, settings.deterministic, scene.domain, classes, reach);
+        let images = Images::new(scene.domain, scene.periodic);
+        let around = Neighborhood::new(settings.search, settings.deterministic, scene.domain, images, classes, reach);
         let model: Box<dyn CpuModel> = match &scene.model {
             ParticleModel::Dem(dem) => Box::new(CpuDem::new(dem, scene)),
             ParticleModel::Pbf(pbf) => Box::new(CpuPbf::new(pbf, scene)),
-            other => return Err(Error::Unsupported { what: other.name().to_owned(), advice: "" }),
+            ParticleModel::Wcsph(wcsph) => Box::new(CpuWcsph::new(wcsph, scene)),
+            ParticleModel::Dfsph(dfsph) => Box::new(CpuDfsph::new(dfsph, scene)),
         };
         Ok(Self {
             scene: scene.clone(),

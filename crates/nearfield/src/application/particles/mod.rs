@@ -23,6 +23,16 @@ mod cpu;
 mod dem;
 mod dfsph;
 mod fluid;
+#[cfg(feature = "gpu")]
+mod gpu;
+#[cfg(feature = "gpu")]
+mod gpu_list;
+#[cfg(feature = "gpu")]
+mod gpu_neighborhood;
+#[cfg(feature = "gpu")]
+mod gpu_state;
+mod images;
+mod lattice;
 mod measures;
 mod neighborhood;
 mod pbf;
@@ -35,12 +45,27 @@ mod wcsph;
 
 pub use cpu::Simulation;
 pub use dem::{Collider, DemSettings, PairRule};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use dem::{DemCollide, DemIntegrate, Sum3};
 pub use dfsph::DfsphSettings;
 pub use fluid::{Fluid, SmoothingKernel};
+#[cfg(feature = "gpu")]
+pub use gpu::GpuSimulation;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::{ParticleClock, ParticleInspection, ParticlePart, ParticleRecord};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu_list::ParticleDrift;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu_state::ParticleBlock;
+pub use lattice::{fill_ball, fill_box, line_box};
 pub use measures::Measures;
 pub use pbf::PbfSettings;
 pub use scene::{Dimensions, MOST_CLASSES, ParticleModel, ParticleScene, Particles, TimeStep};
-pub use scenes::{BuiltinOptions, builtin_names, builtin_scene};
+pub use scenes::{BuiltinOptions, FluidModel, builtin_names, builtin_scene};
 pub use search::{ParticleSearch, SimulationSettings};
 pub use simulate::{Simulate, StepReport};
 pub use wcsph::WcsphSettings;

@@ -6,6 +6,8 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::ParticleSearch;
+use super::images::Images;
+use crate::geometry::Period;
 use crate::query::MapRows;
 use crate::structure::{
     AabbTreeSettings, BruteForce, GridSettings, MovingPoints, RebuildPolicy, TreeSearch, UniformGrid,
@@ -23,6 +25,7 @@ pub(super) struct Neighborhood {
     deterministic: bool,
     /// The middle of the domain, which positions are taken relative to before they are rounded.
     middle: DVec3,
+    images: Images,
     /// `[n_classes]` of particles that stand one after the other.
     classes: Vec<Range<usize>>,
     /// `[own class][other class]` the distance within which the other acts.
@@ -71,12 +74,13 @@ impl Neighborhood {
         search: ParticleSearch,
         deterministic: bool,
         domain: [DVec3; 2],
+        images: Images,
         classes: Vec<Range<usize>>,
         reach: Vec<Vec<f64>>,
     ) -> Self {
         let middle = 0.5 * (domain[0] + domain[1]);
         let (positions, levels) = (Vec::new(), Vec::new());
-        Self { search, deterministic, middle, classes, reach, positions, levels, rebuilds: 0 }
+        Self { search, deterministic, middle, images, classes, reach, positions, levels, rebuilds: 0 }
     }
 
     /// How often trees and lists were built anew since the start, without the first time. Grids are built in every step and not counted.
@@ -84,40 +88,51 @@ impl Neighborhood {
         self.rebuilds
     }
 
+    /// Images of places in the domain.
+    pub(super) fn images(&self) -> &Images {
+        &self.images
+    }
+
     /// Forgets all structures: the particles have another order.
     pub(super) fn forget(&mut self) {
         self.levels.clear();
     }
 
-    /// Makes the structures follow the particles.
+    /// Makes the structures follow the particles; nothing is done where none has moved.
     ///
     /// # Errors
-    /// `NonFinite`, `CoordinateTooLarge` for particles that cannot be searched; `InvalidRadius` for a reach that cannot.
+    /// `NonFinite`, `CoordinateTooLarge` for particles that cannot be searched; `InvalidRadius` for a reach, `InvalidSetting` for a period
+    /// that cannot.
     pub(super) fn follow(&mut self, positions: &[DVec3]) -> Result<()> {
         let middle = self.middle;
+        let is_same = |(p, old): (&DVec3, &Vec3)| (*p - middle).as_vec3() == *old;
+        if !self.levels.is_empty() && positions.par_iter().zip(&self.positions).all(is_same) {
+            return Ok(());
+        }
         positions.par_iter().map(|p| (*p - middle).as_vec3()).collect_into_vec(&mut self.positions);
         if self.levels.is_empty() {
             self.levels = self.build_levels()?;
             return Ok(());
         }
+        let period = self.period()?;
         for level in &mut self.levels {
             let positions = &self.positions[level.members.clone()];
             let rebuilt = match &mut level.structure {
                 Structure::BruteForce(all) => {
-                    *all = BruteForce::build(positions)?;
+                    *all = BruteForce::build_periodic(positions, period)?;
                     false
                 }
                 Structure::Grid(grid) => {
-                    *grid = UniformGrid::build(positions, &GridSettings::for_radius(level.radius))?;
+                    *grid = UniformGrid::build(positions, &GridSettings::for_radius(level.radius).periodic(period))?;
                     false
                 }
                 Structure::Tree(tree) => tree.update(positions)?.is_rebuild(),
                 Structure::List { built_at, skin, .. } => {
                     let limit = 0.25 * *skin * *skin;
-                    let moved = |(a, b): (&Vec3, &Vec3)| !(a.distance_squared(*b) < limit);
+                    let moved = |(a, b): (&Vec3, &Vec3)| !(period.dist2(*a, *b) < limit);
                     let is_old = positions.par_iter().zip(&*built_at).any(moved);
                     if is_old {
-                        level.structure = list(positions, level.radius, *skin)?;
+                        level.structure = list(positions, level.radius, *skin, period)?;
                     }
                     is_old
                 }
@@ -125,6 +140,10 @@ impl Neighborhood {
             self.rebuilds += u64::from(rebuilt);
         }
         Ok(())
+    }
+
+    fn period(&self) -> Result<Period> {
+        Period::new(self.images.lengths().as_vec3())
     }
 
     fn build_levels(&self) -> Result<Vec<Level>> {
@@ -140,7 +159,10 @@ impl Neighborhood {
     /// - `reach`: of a class into the particles of the level
     fn build_level(&self, members: Range<usize>, reach: impl Fn(usize) -> f64) -> Result<Level> {
         let positions = &self.positions[members.clone()];
-        let farthest = self.positions.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+        let period = self.period()?;
+        // The period is rounded too.
+        let longest = period.lengths().max_element();
+        let farthest = self.positions.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max) + longest;
         let searched =
             |reach: f64| (reach + ROUNDING * f64::from(farthest)).next_up() as f32 * (1.0 + 4.0 * f32::EPSILON);
         let by_class: Vec<f32> = (0..self.classes.len()).map(|class| searched(reach(class))).collect();
@@ -153,18 +175,18 @@ impl Neighborhood {
             }
         }
         let tree = |policy: RebuildPolicy, search: TreeSearch| -> Result<Structure> {
-            let settings = AabbTreeSettings::DEFAULT.search(search);
+            let settings = AabbTreeSettings::DEFAULT.search(search).periodic(period);
             Ok(Structure::Tree(Box::new(MovingPoints::new(positions, radius, &settings, policy)?)))
         };
         let structure = match self.search {
-            ParticleSearch::BruteForce => Structure::BruteForce(BruteForce::build(positions)?),
+            ParticleSearch::BruteForce => Structure::BruteForce(BruteForce::build_periodic(positions, period)?),
             ParticleSearch::UniformGrid | ParticleSearch::MultiLevelGrid => {
-                Structure::Grid(UniformGrid::build(positions, &GridSettings::for_radius(radius))?)
+                Structure::Grid(UniformGrid::build(positions, &GridSettings::for_radius(radius).periodic(period))?)
             }
             ParticleSearch::AabbTree(policy) => tree(policy, TreeSearch::Packed)?,
             ParticleSearch::Primary(policy) => tree(policy, TreeSearch::Primary)?,
             ParticleSearch::Coherent(policy) => tree(policy, TreeSearch::Coherent)?,
-            ParticleSearch::Verlet { skin } => list(positions, radius, skin as f32 * radius)?,
+            ParticleSearch::Verlet { skin } => list(positions, radius, skin as f32 * radius, period)?,
         };
         Ok(Level { members, structure, radii, radius })
     }
@@ -219,8 +241,8 @@ impl Level {
 }
 
 /// A list of all within the radius and the skin, in the order of indices.
-fn list(positions: &[Vec3], radius: f32, skin: f32) -> Result<Structure> {
-    let grid = UniformGrid::build(positions, &GridSettings::for_radius(radius + skin))?;
+fn list(positions: &[Vec3], radius: f32, skin: f32, period: Period) -> Result<Structure> {
+    let grid = UniformGrid::build(positions, &GridSettings::for_radius(radius + skin).periodic(period))?;
     let rows = grid.list(&FixedRadius::new(radius + skin).order(RowOrder::Index))?;
     Ok(Structure::List { rows, built_at: positions.to_vec(), skin })
 }

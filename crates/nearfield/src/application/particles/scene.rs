@@ -15,8 +15,11 @@ pub struct ParticleScene {
     pub name: String,
     /// Dimensions: 3, or 2 for scenes in the plane z = 0.
     pub dimensions: Dimensions,
-    /// The space that is simulated. Its faces are walls for `dem` and `pbf`; a particle of a fluid that leaves it ends the simulation.
+    /// The space that is simulated. Its faces are walls for `dem` and `pbf`; a smoothed fluid has walls of particles only,
+    /// and what leaves the domain is counted.
     pub domain: [DVec3; 2],
+    /// By axis, whether the domain goes on with itself there: smoothed fluids only, which may flow out on one side and in on the other.
+    pub periodic: [bool; 3],
     /// Acceleration of all particles.
     pub gravity: DVec3,
     /// What moves.
@@ -143,6 +146,16 @@ impl ParticleModel {
         }
     }
 
+    /// Density of the fluid at rest; 1 for grains.
+    pub fn rest_density(&self) -> f64 {
+        match self {
+            Self::Dem(_) => 1.0,
+            Self::Pbf(pbf) => pbf.fluid.rest_density,
+            Self::Wcsph(wcsph) => wcsph.fluid.rest_density,
+            Self::Dfsph(dfsph) => dfsph.fluid.rest_density,
+        }
+    }
+
     fn validate(&self) -> Result<()> {
         match self {
             Self::Dem(dem) => dem.validate(),
@@ -184,7 +197,7 @@ impl ParticleScene {
     ///
     /// # Errors
     /// `InvalidSetting` for the settings of the model, steps, an empty domain, a class without a radius, a boundary where the model has
-    /// none, a scene in the plane that is not; `LengthMismatch` for arrays of different lengths; `NonFinite` and `OutsideDomain` for
+    /// none, periodic sides where the model has none or shorter than two reaches, a scene in the plane that is not; `LengthMismatch` for arrays of different lengths; `NonFinite` and `OutsideDomain` for
     /// particles.
     pub fn validate(&self) -> Result<()> {
         self.time_step.validate()?;
@@ -200,12 +213,19 @@ impl ParticleScene {
         if !self.gravity.is_finite() {
             return invalid("gravity", self.gravity.to_string(), "three finite numbers");
         }
+        self.validate_period(size)?;
         let (n, moving) = (self.particles.len(), &self.particles);
         same_length("velocities of particles", moving.velocities.len(), n)?;
         same_length("classes of particles", moving.classes.len(), n)?;
         finite("positions of particles", &moving.positions)?;
         finite("velocities of particles", &moving.velocities)?;
         finite("positions of the boundary", &self.boundary)?;
+        if !moving.densities.is_empty() {
+            same_length("densities of particles", moving.densities.len(), n)?;
+        }
+        if let Some(density) = moving.densities.iter().find(|density| !(**density > 0.0 && density.is_finite())) {
+            return invalid("density of a particle", density.to_string(), "a finite number above 0");
+        }
         if !self.model.is_fluid() && !self.boundary.is_empty() {
             return invalid(
                 "boundary",
@@ -236,6 +256,28 @@ impl ParticleScene {
             }
             None => Ok(()),
         }
+    }
+}
+
+impl ParticleScene {
+    fn validate_period(&self, size: DVec3) -> Result<()> {
+        let invalid =
+            |found: String, expected| Err(Error::InvalidSetting { setting: "periodic sides", found, expected });
+        if !self.periodic.contains(&true) {
+            return Ok(());
+        }
+        if !matches!(self.model, ParticleModel::Wcsph(_) | ParticleModel::Dfsph(_)) {
+            return invalid(self.model.name().to_owned(), "none, but for wcsph and dfsph");
+        }
+        if self.periodic[2] && self.dimensions == Dimensions::Two {
+            return invalid("z".to_owned(), "x or y, for a scene in the plane");
+        }
+        // Nearer, a particle would meet two images of another.
+        let least = 2.0 * self.model.largest_reach();
+        let short = (0..3).find(|&axis| self.periodic[axis] && !(size[axis] > least));
+        short.map_or(Ok(()), |axis| {
+            invalid(format!("a length of {}", size[axis]), "more than two reaches of a particle")
+        })
     }
 }
 

@@ -1,9 +1,13 @@
 //! Divergence-free smoothed particle hydrodynamics (Bender2017).
 
+mod cpu;
+
 use super::Fluid;
 use super::SmoothingKernel;
 use super::scene::{not_negative, positive};
 use crate::{Error, Result};
+
+pub(super) use cpu::CpuDfsph;
 
 /// Of incompressible fluids.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,6 +44,7 @@ impl DfsphSettings {
 
     pub(super) fn validate(&self) -> Result<()> {
         self.fluid.validate()?;
+        self.smoothing.validate_for_gradients()?;
         positive("tolerance of the density", self.density_tolerance)?;
         positive("tolerance of the divergence", self.divergence_tolerance)?;
         not_negative("viscosity", self.viscosity)?;

@@ -20,11 +20,13 @@ pub(in crate::application::particles) fn masses(
 ) -> Result<Vec<f64>> {
     let (n, mass) = (state.n_moving(), fluid.mass(dimensions));
     let norm = smoothing.norm(dimensions, fluid.support);
+    let images = *around.images();
     let sums = around.fold(|i, row, sum: f64| {
         if i < n {
             return sum;
         }
-        let weight = |j: usize| norm * smoothing.shape(state.positions[i].distance(state.positions[j]) / fluid.support);
+        let distance = |j: usize| images.nearest(state.positions[i] - state.positions[j]).length();
+        let weight = |j: usize| norm * smoothing.shape(distance(j) / fluid.support);
         sum + row.iter().filter(|&j| j >= n).map(weight).sum::<f64>()
     })?;
     let counts = |(i, sum): (usize, f64)| if i < n { mass } else { fluid.rest_density / sum };

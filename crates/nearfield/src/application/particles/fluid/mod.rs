@@ -1,10 +1,14 @@
 //! What all fluids of particles have in common: smoothing kernels, masses, and how walls of particles count.
 
 mod boundary;
+mod density_error;
 mod smoothing;
+mod weights;
 
 pub(super) use boundary::masses;
+pub(super) use density_error::density_error;
 pub use smoothing::SmoothingKernel;
+pub(super) use weights::{Lattice, Weights};
 
 use super::Dimensions;
 use super::scene::positive;

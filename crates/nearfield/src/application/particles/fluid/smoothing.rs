@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use crate::application::particles::Dimensions;
+use crate::{Error, Result};
 
 /// How much a neighbour counts by its distance, as a density: the integral over space is 1. All vanish at the support.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -30,6 +31,16 @@ impl SmoothingKernel {
             Self::Poly6 => "poly6",
             Self::Spiky => "spiky",
         }
+    }
+
+    /// # Errors
+    /// `InvalidSetting` for kernels that are not smooth enough, or are too flat in the middle, for forces by their gradients.
+    pub(in crate::application::particles) fn validate_for_gradients(self) -> Result<()> {
+        if matches!(self, Self::CubicSpline | Self::Wendland) {
+            return Ok(());
+        }
+        let expected = "cubic-spline or wendland";
+        Err(Error::InvalidSetting { setting: "smoothing of the fluid", found: self.name().to_owned(), expected })
     }
 
     /// The factor that makes the integral 1.
@@ -82,7 +93,9 @@ mod tests {
     fn kernels_integrate_to_one() {
         const STEPS: usize = 20_000;
         for kernel in SmoothingKernel::ALL {
-            for (dimensions, support) in [(Dimensions::Two, 0.3), (Dimensions::Three, 0.3), (Dimensions::Three, 7.0)] {
+            for (dimensions, support) in
+                [(Dimensions::Two, 0.3_f64), (Dimensions::Three, 0.3), (Dimensions::Three, 7.0)]
+            {
                 let width = 1.0 / STEPS as f64;
                 let shell = |q: f64| match dimensions {
                     Dimensions::Two => 2.0 * PI * q * support.powi(2),

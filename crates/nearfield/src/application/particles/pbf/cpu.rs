@@ -7,7 +7,7 @@ use super::PbfSettings;
 use super::rest::AtRest;
 use crate::Result;
 use crate::application::particles::cpu::{CpuModel, StepDone};
-use crate::application::particles::fluid::masses;
+use crate::application::particles::fluid::{density_error, masses};
 use crate::application::particles::neighborhood::{Neighborhood, Row};
 use crate::application::particles::state::State;
 use crate::application::particles::{Dimensions, ParticleScene, SmoothingKernel};
@@ -163,13 +163,6 @@ impl AtRest {
         let compression = (self.filling(sums) - 1.0).max(0.0);
         -compression / (sums.squares + sums.gradient.length_squared() + self.relaxation)
     }
-
-    /// Mean and largest compression.
-    fn density_error(&self, sums: &[Constraint]) -> [f64; 2] {
-        let compressions = sums.iter().map(|sums| (self.filling(sums) - 1.0).max(0.0));
-        let [sum, largest] = compressions.fold([0.0, 0.0], |[sum, largest], own| [sum + own, f64::max(largest, own)]);
-        [sum / sums.len().max(1) as f64, largest]
-    }
 }
 
 impl CpuPbf {
@@ -187,7 +180,7 @@ impl CpuPbf {
             let rounds = Rounds { rest, n_moving: n, positions: &state.positions, searched, boundary };
             let mut sums = around.fold(|i, row, sums| if i < n { rounds.constraint(i, row, sums) } else { sums })?;
             sums.truncate(n);
-            done.density_error = rest.density_error(&sums);
+            done.density_error = density_error(sums.iter().map(|sums| rest.filling(sums)));
             if done.iterations == 0 {
                 done.neighbors = sums.iter().map(|sums| u64::from(sums.neighbors)).sum();
             }

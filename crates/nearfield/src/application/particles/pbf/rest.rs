@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::PbfSettings;
+use crate::application::particles::fluid::Lattice;
 use crate::application::particles::{Dimensions, SmoothingKernel};
 
 /// Kernels and numbers of a position-based fluid that do not change.
@@ -33,11 +34,12 @@ impl AtRest {
         let support = fluid.support;
         let value_norm = SmoothingKernel::Poly6.norm(dimensions, support);
         let slope_norm = SmoothingKernel::Spiky.norm(dimensions, support) / support;
+        let Lattice { volume, wall } = Lattice::new(fluid, SmoothingKernel::Poly6, dimensions);
         let mut rest = Self {
             support,
             rest_density: fluid.rest_density,
-            volume: 0.0,
-            wall: 0.0,
+            volume,
+            wall,
             squares: 0.0,
             relaxation: 0.0,
             tensile: 0.0,
@@ -45,13 +47,6 @@ impl AtRest {
             slope_norm,
         };
         let offsets = lattice(fluid.spacing, support, dimensions);
-        let of = |is_in: &dyn Fn(f64) -> bool| -> f64 {
-            let layers = offsets.iter().filter(|offset| is_in(offset.y / fluid.spacing));
-            layers.map(|offset| rest.value(offset.length())).sum()
-        };
-        let [all, beyond] = [of(&|_| true), of(&|layer| layer > 0.5)];
-        let [own, next] = [of(&|layer| layer.abs() < 0.5), of(&|layer| (layer - 1.0).abs() < 0.5)];
-        (rest.volume, rest.wall) = (1.0 / all, beyond / all * own / next);
         // On the lattice ∇ of a particle's own constraint by its own place is 0.
         let gradient = |offset: &DVec3| (rest.volume * rest.gradient(*offset, offset.length())).length_squared();
         rest.squares = offsets.iter().map(gradient).sum();

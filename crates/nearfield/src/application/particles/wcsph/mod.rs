@@ -1,9 +1,13 @@
 //! Weakly compressible smoothed particle hydrodynamics (Becker2007).
 
+mod cpu;
+
 use super::Fluid;
 use super::SmoothingKernel;
 use super::scene::{not_negative, positive};
 use crate::Result;
+
+pub(super) use cpu::CpuWcsph;
 
 /// Of weakly compressible fluids: p = c² ρ₀ / γ ((ρ / ρ₀)^γ − 1).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,6 +44,7 @@ impl WcsphSettings {
 
     pub(super) fn validate(&self) -> Result<()> {
         self.fluid.validate()?;
+        self.smoothing.validate_for_gradients()?;
         positive("speed of sound", self.sound_speed)?;
         positive("exponent of the pressure", self.exponent)?;
         not_negative("artificial viscosity", self.artificial_viscosity)?;
