@@ -3,6 +3,7 @@
 mod dem;
 mod dem_gpu;
 mod pbf;
+mod pbf_gpu;
 mod pbf_reference;
 #[path = "../support/mod.rs"]
 mod support;
@@ -13,5 +14,6 @@ fn main() {
     let mut trials = dem::trials();
     trials.extend(dem_gpu::trials());
     trials.extend(pbf::trials());
+    trials.extend(pbf_gpu::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

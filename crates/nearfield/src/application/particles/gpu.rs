@@ -10,6 +10,7 @@ use super::cpu::reach_of;
 use super::dem::GpuDem;
 use super::gpu_neighborhood::{GpuNeighborhood, Recorder};
 use super::gpu_state::{GpuState, WORKGROUP};
+use super::pbf::GpuPbf;
 use super::simulate::same_particles;
 use super::{ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
 use crate::application::Watch;
@@ -189,6 +190,7 @@ impl GpuSimulation {
         let around = GpuNeighborhood::new(gpu, scene, settings.search, settings.deterministic, reach);
         let model: Box<dyn GpuModel> = match &scene.model {
             ParticleModel::Dem(dem) => Box::new(GpuDem::new(gpu, dem, scene, &state, around.n_levels())?),
+            ParticleModel::Pbf(pbf) => Box::new(GpuPbf::new(gpu, pbf, scene, &state)?),
             other => {
                 let what = format!("the model {} on a GPU", other.name());
                 return Err(Error::Unsupported { what, advice: "use the CPU" });

@@ -25,13 +25,25 @@
 
 mod cpu;
 mod finish;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod rest;
 
-use super::Fluid;
+use glam::DVec3;
+
 use super::scene::{not_negative, positive};
+use super::{Dimensions, Fluid, ParticleScene};
 use crate::{Error, Result};
 
 pub(super) use cpu::CpuPbf;
+#[cfg(feature = "gpu")]
+pub(super) use gpu::GpuPbf;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::PbfFluid;
+
+/// Part of its diameter by which a particle moves in a stable step.
+const STABLE_WAY: f64 = 0.4;
 
 /// Largest support in spacings; neighbours are some four times its cube.
 const MOST_SPACINGS: f64 = 16.0;
@@ -99,4 +111,23 @@ impl PbfSettings {
         not_negative("vorticity confinement", self.vorticity)?;
         not_negative("XSPH viscosity", self.xsph)
     }
+}
+
+/// The domain as far as centres of particles go: half a spacing from its faces, along a side narrower than a particle its middle. Scenes in
+/// the plane have no walls across it.
+fn walls(settings: &PbfSettings, scene: &ParticleScene) -> [DVec3; 2] {
+    let [low, high] = scene.domain;
+    let (middle, radius) = (0.5 * (low + high), 0.5 * settings.fluid.spacing);
+    let walls = [(low + radius).min(middle), (high - radius).max(middle)];
+    match scene.dimensions {
+        Dimensions::Two => walls.map(|corner| corner.with_z(0.0)),
+        Dimensions::Three => walls,
+    }
+}
+
+/// How far a particle may move in a stable step, and the speed that it gains falling so far from rest, over √2: the way over the sum of both
+/// speeds is at most the step in which v t + g t² is the way.
+fn stable_way(settings: &PbfSettings, scene: &ParticleScene) -> [f64; 2] {
+    let way = STABLE_WAY * settings.fluid.spacing;
+    [way, (scene.gravity.length() * way).sqrt()]
 }

@@ -3,7 +3,10 @@
 use glam::DVec3;
 
 use super::PbfSettings;
-use crate::application::particles::fluid::Lattice;
+use crate::Result;
+use crate::application::particles::fluid::{Lattice, masses};
+use crate::application::particles::neighborhood::Neighborhood;
+use crate::application::particles::state::State;
 use crate::application::particles::{Dimensions, SmoothingKernel};
 
 /// Kernels and numbers of a position-based fluid that do not change.
@@ -56,6 +59,21 @@ impl AtRest {
         rest
     }
 
+    /// Factor of poly6 for a particle: V W is this times the kernel's shape.
+    pub(super) fn value_factor(&self) -> f64 {
+        self.volume * self.value_norm
+    }
+
+    /// Factor of the gradient of spiky for a particle, times the support.
+    pub(super) fn gradient_factor(&self) -> f64 {
+        self.volume * self.slope_norm * self.support
+    }
+
+    /// Factor of s for the fourth power of poly6's shape.
+    pub(super) fn tensile_factor(&self) -> f64 {
+        self.tensile
+    }
+
     /// W at a distance.
     #[inline]
     pub(super) fn value(&self, distance: f64) -> f64 {
@@ -76,6 +94,22 @@ impl AtRest {
     pub(super) fn tensile(&self, distance: f64) -> f64 {
         -self.tensile * SmoothingKernel::Poly6.shape(distance / self.support).powi(4)
     }
+}
+
+/// `[b]` volumes of the boundary: Akinci2012's masses in parts of the density at rest, times the wall's factor. The structures must have
+/// followed the particles.
+///
+/// # Errors
+/// As the search.
+pub(super) fn boundary_volumes(
+    settings: &PbfSettings,
+    rest: &AtRest,
+    dimensions: Dimensions,
+    state: &State,
+    around: &Neighborhood,
+) -> Result<Vec<f64>> {
+    let masses = masses(&settings.fluid, SmoothingKernel::Poly6, dimensions, state, around)?;
+    Ok(masses[state.n_moving()..].iter().map(|mass| rest.wall * mass / rest.rest_density).collect())
 }
 
 /// All within the support of a place of the lattice, itself among them: a square lattice in the plane, a cubic one in space.
