@@ -3,6 +3,9 @@
 mod checkpoint;
 mod dem;
 mod dem_gpu;
+mod pbf;
+mod pbf_gpu;
+mod pbf_reference;
 mod scene_file;
 mod scenes;
 #[path = "../support/mod.rs"]
@@ -17,5 +20,7 @@ fn main() {
     for more in [scenes::trials(), scene_file::trials(), checkpoint::trials(), surface::trials()] {
         trials.extend(more);
     }
+    trials.extend(pbf::trials());
+    trials.extend(pbf_gpu::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -6,7 +6,7 @@ use std::mem::offset_of;
 use nearfield::application::mls::{ConcludeParameters, FitParameters, FitState, IterationSums, PointPlace};
 use nearfield::application::particles::{
     DemCollide, DemIntegrate, ParticleBlock, ParticleClock, ParticleDrift, ParticleInspection, ParticlePart,
-    ParticleRecord, Sum3,
+    ParticleRecord, PbfFluid,
 };
 use nearfield::application::wlop::{AdvanceParameters, DensityParameters, PairParameters, Pull, Record, RecordPart};
 use nearfield::application::{
@@ -252,6 +252,25 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
             layout_of!(DemIntegrate { gravity, n_particles, low, global_damping, high, wall_damping, radii }),
         ),
         ("DemCollide", collide),
+        (
+            "PbfFluid",
+            layout_of!(PbfFluid {
+                low,
+                n_particles,
+                high,
+                support,
+                gravity,
+                inverse_support,
+                value_factor,
+                gradient_factor,
+                relaxation,
+                tensile,
+                rest_density,
+                xsph,
+                vorticity,
+                n_parts
+            }),
+        ),
     ])
 }
 

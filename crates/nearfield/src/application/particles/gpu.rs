@@ -9,6 +9,7 @@ use glam::Vec3;
 use super::dem::GpuDem;
 use super::gpu_neighborhood::{GpuNeighborhood, Recorder};
 use super::gpu_state::{GpuState, WORKGROUP};
+use super::pbf::GpuPbf;
 use super::reach::Reach;
 use super::simulate::same_particles;
 use super::{ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
@@ -189,6 +190,7 @@ impl GpuSimulation {
         let around = GpuNeighborhood::new(gpu, scene, settings.search, settings.deterministic, reach);
         let model: Box<dyn GpuModel> = match &scene.model {
             ParticleModel::Dem(dem) => Box::new(GpuDem::new(gpu, dem, scene, &state)?),
+            ParticleModel::Pbf(pbf) => Box::new(GpuPbf::new(gpu, pbf, scene, &state)?),
             other => {
                 let what = format!("the model {} on a GPU", other.name());
                 return Err(Error::Unsupported { what, advice: "use the CPU" });

@@ -69,6 +69,9 @@ pub use gpu_list::ParticleDrift;
 pub use gpu_state::ParticleBlock;
 pub use lattice::{fill_ball, fill_box, line_box};
 pub use measures::Measures;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use pbf::PbfFluid;
 pub use pbf::PbfSettings;
 pub use scene::{Dimensions, MOST_CLASSES, ParticleModel, ParticleScene, Particles, TimeStep};
 #[cfg(feature = "io")]

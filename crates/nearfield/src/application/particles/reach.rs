@@ -17,8 +17,13 @@ impl Reach {
     pub(super) fn of(model: &ParticleModel) -> Self {
         match model {
             ParticleModel::Dem(dem) => Self { radii: dem.radii.clone(), rule: dem.pair_rule },
-            fluid => Self { radii: vec![fluid.largest_reach()], rule: PairRule::Symmetric },
+            fluid => Self::one(fluid.largest_reach()),
         }
+    }
+
+    /// One class that acts on itself within this distance.
+    pub(super) fn one(distance: f64) -> Self {
+        Self { radii: vec![distance], rule: PairRule::Symmetric }
     }
 
     /// `[n_classes]` the radius of each class.

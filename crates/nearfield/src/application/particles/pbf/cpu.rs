@@ -3,17 +3,14 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::PbfSettings;
-use super::rest::AtRest;
+use super::rest::{AtRest, boundary_volumes};
+use super::{PbfSettings, stable_way, walls};
 use crate::Result;
 use crate::application::particles::cpu::{CpuModel, StepDone};
-use crate::application::particles::fluid::masses;
+use crate::application::particles::fluid::density_error;
 use crate::application::particles::neighborhood::{Neighborhood, Row};
 use crate::application::particles::state::State;
-use crate::application::particles::{Dimensions, ParticleScene, SmoothingKernel};
-
-/// Part of its diameter by which a particle moves in a stable step.
-const STABLE_WAY: f64 = 0.4;
+use crate::application::particles::{Dimensions, ParticleScene};
 
 /// Particles of a task.
 const TASK: usize = 1 << 10;
@@ -26,6 +23,7 @@ pub(in crate::application::particles) struct CpuPbf {
     /// Within which centres stay.
     walls: [DVec3; 2],
     gravity: DVec3,
+    signals: [f64; 2],
     /// `[b]` volumes of the boundary, which the first step finds.
     boundary: Option<Vec<f64>>,
 }
@@ -60,8 +58,9 @@ impl CpuPbf {
             settings: *settings,
             rest: AtRest::new(settings, scene.dimensions),
             dimensions: scene.dimensions,
-            walls: walls(settings.fluid.spacing, scene),
+            walls: walls(settings, scene),
             gravity: scene.gravity,
+            signals: stable_way(settings, scene),
             boundary: None,
         }
     }
@@ -84,26 +83,6 @@ impl CpuPbf {
             }
         });
     }
-
-    /// `[b]` volumes of the boundary: Akinci2012's masses in parts of the density at rest.
-    fn boundary_volumes(&self, state: &State, around: &Neighborhood) -> Result<Vec<f64>> {
-        let fluid = &self.settings.fluid;
-        let masses = masses(fluid, SmoothingKernel::Poly6, self.dimensions, state, around)?;
-        Ok(masses[state.n_moving()..].iter().map(|mass| mass / fluid.rest_density).collect())
-    }
-}
-
-/// The domain as far as centres of particles go; along a side narrower than a particle, its middle. Scenes in the plane have no walls
-/// across it.
-fn walls(spacing: f64, scene: &ParticleScene) -> [DVec3; 2] {
-    let [low, high] = scene.domain;
-    let middle = 0.5 * (low + high);
-    let mut walls = [(low + 0.5 * spacing).min(middle), (high - 0.5 * spacing).max(middle)];
-    if scene.dimensions == Dimensions::Two {
-        walls[0].z = 0.0;
-        walls[1].z = 0.0;
-    }
-    walls
 }
 
 impl Rounds<'_> {
@@ -163,13 +142,6 @@ impl AtRest {
         let compression = (self.filling(sums) - 1.0).max(0.0);
         -compression / (sums.squares + sums.gradient.length_squared() + self.relaxation)
     }
-
-    /// Mean and largest compression.
-    fn density_error(&self, sums: &[Constraint]) -> [f64; 2] {
-        let compressions = sums.iter().map(|sums| (self.filling(sums) - 1.0).max(0.0));
-        let [sum, largest] = compressions.fold([0.0, 0.0], |[sum, largest], own| [sum + own, f64::max(largest, own)]);
-        [sum / sums.len().max(1) as f64, largest]
-    }
 }
 
 impl CpuPbf {
@@ -187,13 +159,11 @@ impl CpuPbf {
             let rounds = Rounds { rest, n_moving: n, positions: &state.positions, searched, boundary };
             let mut sums = around.fold(|i, row, sums| if i < n { rounds.constraint(i, row, sums) } else { sums })?;
             sums.truncate(n);
-            done.density_error = rest.density_error(&sums);
-            if done.iterations == 0 {
-                done.neighbors = sums.iter().map(|sums| u64::from(sums.neighbors)).sum();
-            }
+            done.density_error = density_error(sums.iter().map(|sums| rest.filling(sums)));
             let is_enough =
                 done.iterations >= self.settings.iterations && done.density_error[0] <= self.settings.tolerance;
             if is_enough || done.iterations == self.settings.most_iterations {
+                done.neighbors = sums.iter().map(|sums| u64::from(sums.neighbors)).sum();
                 state.densities = sums.iter().map(|sums| rest.rest_density * rest.filling(sums)).collect();
                 return Ok(done);
             }
@@ -212,7 +182,7 @@ impl CpuModel for CpuPbf {
         self.predict(state, step);
         around.follow(&state.positions)?;
         if self.boundary.is_none() {
-            self.boundary = Some(self.boundary_volumes(state, around)?);
+            self.boundary = Some(boundary_volumes(&self.settings, &self.rest, self.dimensions, state, around)?);
         }
         let boundary = self.boundary.as_deref().unwrap_or_default();
         let searched = state.positions.clone();
@@ -234,12 +204,11 @@ impl CpuModel for CpuPbf {
         Ok(StepDone { step, ..done })
     }
 
-    /// The step in which the fastest particle, if it goes on with gravity along its way, moves by 0.4 of its diameter.
+    /// The step in which the fastest particle, as it falls, moves by 0.4 of its diameter at most.
     fn stable_step(&self, state: &State) -> f64 {
         let speed = state.velocities.iter().map(|velocity| velocity.length_squared()).fold(0.0, f64::max).sqrt();
-        let (gravity, way) = (self.gravity.length(), STABLE_WAY * self.settings.fluid.spacing);
-        // The positive root of g t² + v t = way, in the form that holds for g = 0 too.
-        2.0 * way / (speed + (speed * speed + 4.0 * gravity * way).sqrt())
+        let [way, falling] = self.signals;
+        way / (falling + speed)
     }
 }
 

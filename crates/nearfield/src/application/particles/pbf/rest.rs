@@ -3,6 +3,10 @@
 use glam::DVec3;
 
 use super::PbfSettings;
+use crate::Result;
+use crate::application::particles::fluid::{Lattice, masses};
+use crate::application::particles::neighborhood::Neighborhood;
+use crate::application::particles::state::State;
 use crate::application::particles::{Dimensions, SmoothingKernel};
 
 /// Kernels and numbers of a position-based fluid that do not change.
@@ -12,6 +16,9 @@ pub(super) struct AtRest {
     pub(super) rest_density: f64,
     /// Volume of a particle: Σ V W over the lattice is 1.
     pub(super) volume: f64,
+    /// Factor of the volumes of a wall of one layer, with which it counts one spacing away as much as all the layers of the lattice that it
+    /// stands for.
+    pub(super) wall: f64,
     /// Σₖ |∇ₖC|² of a particle of the lattice.
     pub(super) squares: f64,
     /// ε of the constraint.
@@ -30,10 +37,12 @@ impl AtRest {
         let support = fluid.support;
         let value_norm = SmoothingKernel::Poly6.norm(dimensions, support);
         let slope_norm = SmoothingKernel::Spiky.norm(dimensions, support) / support;
+        let Lattice { volume, wall } = Lattice::new(fluid, SmoothingKernel::Poly6, dimensions);
         let mut rest = Self {
             support,
             rest_density: fluid.rest_density,
-            volume: 0.0,
+            volume,
+            wall,
             squares: 0.0,
             relaxation: 0.0,
             tensile: 0.0,
@@ -41,7 +50,6 @@ impl AtRest {
             slope_norm,
         };
         let offsets = lattice(fluid.spacing, support, dimensions);
-        rest.volume = 1.0 / offsets.iter().map(|offset| rest.value(offset.length())).sum::<f64>();
         // On the lattice ∇ of a particle's own constraint by its own place is 0.
         let gradient = |offset: &DVec3| (rest.volume * rest.gradient(*offset, offset.length())).length_squared();
         rest.squares = offsets.iter().map(gradient).sum();
@@ -49,6 +57,21 @@ impl AtRest {
         let at_distance = SmoothingKernel::Poly6.shape(settings.tensile_distance).powi(4);
         rest.tensile = settings.tensile_strength / rest.squares / at_distance;
         rest
+    }
+
+    /// Factor of poly6 for a particle: V W is this times the kernel's shape.
+    pub(super) fn value_factor(&self) -> f64 {
+        self.volume * self.value_norm
+    }
+
+    /// Factor of the gradient of spiky for a particle, times the support.
+    pub(super) fn gradient_factor(&self) -> f64 {
+        self.volume * self.slope_norm * self.support
+    }
+
+    /// Factor of s for the fourth power of poly6's shape.
+    pub(super) fn tensile_factor(&self) -> f64 {
+        self.tensile
     }
 
     /// W at a distance.
@@ -71,6 +94,22 @@ impl AtRest {
     pub(super) fn tensile(&self, distance: f64) -> f64 {
         -self.tensile * SmoothingKernel::Poly6.shape(distance / self.support).powi(4)
     }
+}
+
+/// `[b]` volumes of the boundary: Akinci2012's masses in parts of the density at rest, times the wall's factor. The structures must have
+/// followed the particles.
+///
+/// # Errors
+/// As the search.
+pub(super) fn boundary_volumes(
+    settings: &PbfSettings,
+    rest: &AtRest,
+    dimensions: Dimensions,
+    state: &State,
+    around: &Neighborhood,
+) -> Result<Vec<f64>> {
+    let masses = masses(&settings.fluid, SmoothingKernel::Poly6, dimensions, state, around)?;
+    Ok(masses[state.n_moving()..].iter().map(|mass| rest.wall * mass / rest.rest_density).collect())
 }
 
 /// All within the support of a place of the lattice, itself among them: a square lattice in the plane, a cubic one in space.
@@ -98,21 +137,31 @@ mod tests {
         let [edge, face, corner] = [0.75_f64.powi(3), 0.5_f64.powi(3), 0.25_f64.powi(3)];
         let squares = |q: f64| (1.0 - q).powi(4);
         let [near, middle, far] = [0.25_f64, 0.5, 0.75].map(f64::sqrt).map(squares);
-        for (dimensions, values, value_norm, slopes, slope_norm) in [
+        for (dimensions, values, layer, value_norm, slopes, slope_norm) in [
             (
                 Dimensions::Three,
                 1.0 + 6.0 * edge + 12.0 * face + 8.0 * corner,
+                1.0 + 4.0 * edge + 4.0 * face,
                 315.0 / (64.0 * pi),
                 6.0 * near + 12.0 * middle + 8.0 * far,
                 -45.0 / pi,
             ),
-            (Dimensions::Two, 1.0 + 4.0 * edge + 4.0 * face, 4.0 / pi, 4.0 * near + 4.0 * middle, -30.0 / pi),
+            (
+                Dimensions::Two,
+                1.0 + 4.0 * edge + 4.0 * face,
+                1.0 + 2.0 * edge,
+                4.0 / pi,
+                4.0 * near + 4.0 * middle,
+                -30.0 / pi,
+            ),
         ] {
             let rest = AtRest::new(&settings, dimensions);
             // With a support of 1 the factors are those of the kernels.
             let volume = 1.0 / (value_norm * values);
             let by_hand = (volume * slope_norm).powi(2) * slopes;
             assert!((rest.volume / volume - 1.0).abs() < 1e-14, "{dimensions:?}: volume {}", rest.volume);
+            // Of the missing side, a wall of two spacings' support has the one layer that there is.
+            assert!((rest.wall - layer / values).abs() < 1e-14, "{dimensions:?}: wall {}", rest.wall);
             assert!((rest.squares / by_hand - 1.0).abs() < 1e-13, "{dimensions:?}: {}", rest.squares);
             assert!((rest.relaxation / by_hand - 1e-3).abs() < 1e-15, "{dimensions:?}: {}", rest.relaxation);
         }
