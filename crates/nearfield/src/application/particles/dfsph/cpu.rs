@@ -211,7 +211,7 @@ impl<'a> Solver<'a> {
             if is_done || iterations == self.model.settings.most_iterations {
                 return Ok(Solved { iterations, density_error });
             }
-            let by_step2 = 1.0 / (self.step * self.step);
+            let by_step2 = self.model.lattice.relaxation / (self.step * self.step);
             let stiffness: Vec<f64> =
                 excesses.par_iter().zip(&self.factors).map(|(excess, factor)| excess * factor * by_step2).collect();
             self.push(&stiffness, velocities)?;
