@@ -35,6 +35,8 @@ pub(crate) struct Look {
     size: PictureSize,
     /// By class.
     radii: Vec<f32>,
+    /// Of a fluid; 0 of grains.
+    rest_density: f32,
 }
 
 impl Look {
@@ -61,7 +63,8 @@ impl Look {
         };
         let corners = scene.domain.map(|corner| corner.as_vec3());
         let space = Space { corners, is_flat: scene.dimensions == Dimensions::Two };
-        Ok(Self { color, scale, space, size, radii })
+        let rest_density = rest_density.unwrap_or_default() as f32;
+        Ok(Self { color, scale, space, size, radii, rest_density })
     }
 
     /// The particles as they are now.
@@ -109,7 +112,7 @@ impl Look {
             ColorBy::Speed => self.scale.color_of(particles.velocities[i].length() as f32),
             // Before the first step no density is known: that of rest.
             ColorBy::Density => {
-                self.scale.color_of(particles.densities.get(i).map_or(f32::NAN, |&density| density as f32))
+                self.scale.color_of(particles.densities.get(i).map_or(self.rest_density, |&density| density as f32))
             }
             ColorBy::Class => colormap::category(particles.classes[i].into()),
         }
