@@ -21,7 +21,7 @@ pub(crate) enum ColorBy {
 /// The ball that does not move.
 const COLLIDER: [u8; 3] = [196, 202, 212];
 /// Part of the speed after a fall from the top that is the end of the scale: few particles become faster.
-const FAST: f64 = 0.6;
+const FAST: f64 = 0.9;
 /// Densities at the ends of the scale, in parts of that at rest.
 const DENSITIES: [f64; 2] = [0.9, 1.1];
 /// Balls of a fluid are a little larger than their spacing, so that a body of it has no holes.
