@@ -87,7 +87,7 @@ pub(crate) struct SimulateArgs {
     pub(crate) steps: Option<u64>,
 
     /// Time of the whole simulation, in the unit of the scene [default for fluids: 2]
-    #[arg(long, value_name = "T")]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub(crate) seconds: Option<f64>,
 
     /// Who finds neighbours: brute-force, primary, coherent, uniform-grid, multi-level-grid, aabb-tree or verlet
@@ -107,11 +107,11 @@ pub(crate) struct SimulateArgs {
     reorder_every: u32,
 
     /// Speed above which the simulation is ended [default: none]
-    #[arg(long, value_name = "V", default_value_t = f64::INFINITY, hide_default_value = true)]
+    #[arg(long, value_name = "V", default_value_t = f64::INFINITY, hide_default_value = true, allow_negative_numbers = true)]
     max_speed: f64,
 
     /// Frames for each unit of the scene's time [default: 25 for fluids, one every ten steps for grains]
-    #[arg(long, value_name = "F")]
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
     frames_per_second: Option<f64>,
 
     /// What colours mean: speed, density or class [default: speed; class for grains of several radii]
@@ -214,12 +214,8 @@ pub(crate) fn run(args: &SimulateArgs, common: &Common) -> Result<(), Failure> {
             if is_whole { Ok(()) } else { Err(Failure::Interrupted(what())) }
         }
         Err(error @ Error::BlowUp { .. }) => {
-            let kept = folder.checkpoint();
-            Err(Failure::BlowUp(format!(
-                "{error}; the state before, step {}, is in {}",
-                simulation.step(),
-                kept.display()
-            )))
+            let (step, kept) = (simulation.step(), folder.checkpoint());
+            Err(Failure::BlowUp(format!("{error} (step {step}, in {})", kept.display())))
         }
         Err(error) => Err(Failure::Search(error)),
     }

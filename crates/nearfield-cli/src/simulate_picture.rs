@@ -21,7 +21,7 @@ pub(crate) enum ColorBy {
 /// The ball that does not move.
 const COLLIDER: [u8; 3] = [196, 202, 212];
 /// Part of the speed after a fall from the top that is the end of the scale: few particles become faster.
-const FAST: f64 = 0.6;
+const FAST: f64 = 0.9;
 /// Densities at the ends of the scale, in parts of that at rest.
 const DENSITIES: [f64; 2] = [0.9, 1.1];
 /// Balls of a fluid are a little larger than their spacing, so that a body of it has no holes.
@@ -35,6 +35,8 @@ pub(crate) struct Look {
     size: PictureSize,
     /// By class.
     radii: Vec<f32>,
+    /// Of a fluid; 0 of grains.
+    rest_density: f32,
 }
 
 impl Look {
@@ -61,7 +63,8 @@ impl Look {
         };
         let corners = scene.domain.map(|corner| corner.as_vec3());
         let space = Space { corners, is_flat: scene.dimensions == Dimensions::Two };
-        Ok(Self { color, scale, space, size, radii })
+        let rest_density = rest_density.unwrap_or_default() as f32;
+        Ok(Self { color, scale, space, size, radii, rest_density })
     }
 
     /// The particles as they are now.
@@ -109,7 +112,7 @@ impl Look {
             ColorBy::Speed => self.scale.color_of(particles.velocities[i].length() as f32),
             // Before the first step no density is known: that of rest.
             ColorBy::Density => {
-                self.scale.color_of(particles.densities.get(i).map_or(f32::NAN, |&density| density as f32))
+                self.scale.color_of(particles.densities.get(i).map_or(self.rest_density, |&density| density as f32))
             }
             ColorBy::Class => colormap::category(particles.classes[i].into()),
         }

@@ -79,7 +79,7 @@ impl Told<'_> {
 
     fn lines(&self) -> String {
         let (measured, scene) = (self.measured, self.scene);
-        let few = |value: f64| short(value as f32, 4);
+        let few = |value: f64| format!("{}{}", if value < 0.0 { "-" } else { "" }, short(value.abs() as f32, 4));
         let boundary = match scene.boundary.len() {
             0 => String::new(),
             n => format!(" and {} of walls", grouped(n as u64)),

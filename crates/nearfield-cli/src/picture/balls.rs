@@ -79,19 +79,26 @@ impl Around<'_> {
     fn edge(&mut self, from: Vec3, to: Vec3) {
         let (Some(start), Some(end)) = (self.camera.project(from), self.camera.project(to)) else { return };
         let factor = OVERSAMPLING as f32;
-        let steps = ((end.x - start.x).abs().max((end.y - start.y).abs()) / factor).ceil().max(1.0) as u32;
-        for i in 0..=steps {
-            let Some(at) = self.camera.project(from.lerp(to, i as f32 / steps as f32)) else { continue };
-            if self.is_free(at.x, at.y, at.depth) {
-                // The line has a width of one pixel, shared between the two that it lies across.
-                let (x, y) = (at.x / factor - 0.5, at.y / factor - 0.5);
-                let steep = (end.y - start.y).abs() > (end.x - start.x).abs();
-                let (along, across) = if steep { (y, x) } else { (x, y) };
-                let (first, part) = (across.floor(), across - across.floor());
-                for (side, share) in [(first, 1.0 - part), (first + 1.0, part)] {
-                    let (x, y) = if steep { (side, along.round()) } else { (along.round(), side) };
-                    self.image.blend(x as i64, y as i64, EDGE.0, EDGE.1 * share);
-                }
+        let place = |at: Projected| [at.x / factor - 0.5, at.y / factor - 0.5];
+        let (first, last) = (place(start), place(end));
+        let is_steep = (last[1] - first[1]).abs() > (last[0] - first[0]).abs();
+        // Along the picture's side that the line follows, one pixel after the other; across it two share the line.
+        let [along, across] = if is_steep { [1, 0] } else { [0, 1] };
+        let length = last[along] - first[along];
+        let (low, high) = (first[along].min(last[along]).ceil() as i64, first[along].max(last[along]).floor() as i64);
+        for pixel in low..=high {
+            let part = if length == 0.0 { 0.0 } else { (pixel as f32 - first[along]) / length };
+            // Equal steps on the picture are none in space, where what is nearer is larger.
+            let in_space = part * end.zoom / ((1.0 - part) * start.zoom + part * end.zoom);
+            let Some(at) = self.camera.project(from.lerp(to, in_space)) else { continue };
+            if !self.is_free(at.x, at.y, at.depth) {
+                continue;
+            }
+            let side = first[across] + part * (last[across] - first[across]);
+            let share = side - side.floor();
+            for (side, share) in [(side.floor(), 1.0 - share), (side.floor() + 1.0, share)] {
+                let (x, y) = if is_steep { (side as i64, pixel) } else { (pixel, side as i64) };
+                self.image.blend(x, y, EDGE.0, EDGE.1 * share);
             }
         }
     }

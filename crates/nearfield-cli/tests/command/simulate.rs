@@ -92,7 +92,7 @@ fn scene_files_are_simulated_and_wrong_ones_name_their_line() {
     assert_eq!(surface["particles"], 250);
 
     fs::write(folder.path("wrong.toml"), text.replace("spacing", "spcing")).unwrap();
-    folder.fails(&format!("simulate wrong.toml {small} -o wrong"), 65, "line 5");
+    folder.fails(&format!("simulate wrong.toml {small} -o wrong"), 65, "wrong.toml:5:");
     folder.fails(&format!("simulate none.toml {small} -o wrong"), 66, "none.toml");
     folder.fails(&format!("simulate tank.toml {small} --particles 10 -o wrong"), 2, "--particles");
     folder.fails(&format!("simulate ocean {small} -o wrong"), 2, "dam-break");

@@ -30,7 +30,7 @@ pub(super) struct DomainEntry {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(untagged, expecting = "a number, or a table with factor, least and most")]
+#[serde(untagged, expecting = "no number and no table with factor, least and most")]
 pub(super) enum StepEntry {
     Fixed(f64),
     Cfl(CflEntry),
