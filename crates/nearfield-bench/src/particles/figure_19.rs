@@ -45,8 +45,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
             let seconds = pace.next();
             let row = case.row(lab, on_gpu, way.name());
             sheet.attempt(row.clone(), || {
-                let run = (case.steps, 0.8 * seconds);
-                let times = timing::each_step(lab, way, &case.scene, run, &[], |_, _| Ok(()))?;
+                let times = timing::each_step(lab, way, &case.scene, case.steps, 0.8 * seconds)?;
                 for time in &times {
                     writer.write_record(record(lab, &case, way, time))?;
                 }

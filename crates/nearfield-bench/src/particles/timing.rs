@@ -112,20 +112,11 @@ pub fn run(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64)
     })
 }
 
-/// Times every step of a run by itself: the device is waited for after each. `look` is shown the particles after some of them.
-///
-/// - `looks`: steps after which it is, ascending
+/// Times every step of a run by itself, up to so many and for about so many seconds: the device is waited for after each.
 ///
 /// # Errors
-/// As the simulation and `look`.
-pub fn each_step(
-    lab: &Lab,
-    way: Way,
-    scene: &ParticleScene,
-    (steps, seconds): (u32, f64),
-    looks: &[u64],
-    mut look: impl FnMut(u64, &Particles) -> Result<()>,
-) -> Result<Vec<StepTime>> {
+/// As the simulation.
+pub fn each_step(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64) -> Result<Vec<StepTime>> {
     let mut simulation = warm(lab, way, scene)?;
     let mut times = Vec::with_capacity(steps as usize);
     let begin = Instant::now();
@@ -139,9 +130,6 @@ pub fn each_step(
             mean_neighbors: report.mean_neighbors,
             rebuilds: report.rebuilds,
         }));
-        if looks.binary_search(&simulation.step()).is_ok() {
-            look(simulation.step(), &simulation.particles()?)?;
-        }
     }
     Ok(times)
 }
