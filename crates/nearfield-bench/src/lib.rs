@@ -13,6 +13,7 @@ pub mod grid;
 pub mod measure;
 pub mod octree;
 pub mod paper;
+pub mod particles;
 pub mod plots;
 pub mod primitives;
 pub mod provenance;

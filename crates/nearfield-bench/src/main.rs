@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
 use nearfield_bench::{
-    Result, applications, baselines, curve, device, everyday, grid, octree, paper, primitives, rays, wlop,
+    Result, applications, baselines, curve, device, everyday, grid, octree, paper, particles, primitives, rays, wlop,
 };
 
 /// Measure Nearfield on this machine.
@@ -29,6 +29,8 @@ enum Command {
     Octree(octree::Arguments),
     /// The experiments of the paper on moving points: CSV files, plots and a summary beside its figures
     Paper(paper::Arguments),
+    /// The paper's simulations: steps a second by every search, radii of three sizes, the CUDA sample's numbers of grains
+    Particles(particles::Arguments),
     /// The experiments of Accel on its kd-tree, and the speed of rays: a CSV file and plots
     Rays(rays::Arguments),
     /// Locally optimal projection: times of all variants, and CGAL's samples beside the library's
@@ -58,6 +60,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Command::Grid(arguments) => grid::run(&arguments),
         Command::Octree(arguments) => octree::run(&arguments),
         Command::Paper(arguments) => paper::run(&arguments),
+        Command::Particles(arguments) => particles::run(&arguments),
         Command::Rays(arguments) => rays::run(&arguments),
         Command::Wlop(arguments) => wlop::run(&arguments),
         Command::Baselines(arguments) => baselines::run(&arguments),

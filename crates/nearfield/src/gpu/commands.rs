@@ -1,6 +1,6 @@
 //! Recording of dispatches and copies in named stages, and their times.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use super::buffer::Accounted;
 use super::{Buffer, DeviceElement, Gpu, Pipeline};
@@ -8,6 +8,9 @@ use crate::{Error, Result};
 
 /// Stages that one set of timestamps holds: two for each stage.
 const MOST_TIMED_STAGES: usize = wgpu::QUERY_SET_MAX_QUERIES as usize / 2;
+
+/// Repetitions that are submitted together.
+const TOGETHER: u32 = 4;
 
 /// A buffer as a kernel sees it.
 #[derive(Debug, Clone)]
@@ -60,9 +63,22 @@ struct Stage {
 }
 
 enum Step {
-    Dispatch { pipeline: Arc<Pipeline>, groups: [Vec<Bind>; 2], workgroups: Workgroups },
-    Clear { buffer: Bind, bytes: u64 },
-    Copy { source: Bind, destination: Bind, bytes: u64 },
+    Dispatch {
+        pipeline: Arc<Pipeline>,
+        groups: [Vec<Bind>; 2],
+        made: OnceLock<Vec<wgpu::BindGroup>>,
+        workgroups: Workgroups,
+    },
+    Clear {
+        buffer: Bind,
+        bytes: u64,
+    },
+    Copy {
+        source: Bind,
+        offset: u64,
+        destination: Bind,
+        bytes: u64,
+    },
 }
 
 impl Step {
@@ -119,7 +135,7 @@ impl Commands {
         workgroups: Workgroups,
     ) -> &mut Self {
         let groups = [bindings.to_vec(), visitor.to_vec()];
-        self.step(Step::Dispatch { pipeline: Arc::clone(pipeline), groups, workgroups });
+        self.step(Step::Dispatch { pipeline: Arc::clone(pipeline), groups, made: OnceLock::new(), workgroups });
         self
     }
 
@@ -137,7 +153,30 @@ impl Commands {
             self.error.get_or_insert(Error::LengthMismatch { what: destination.label(), found, expected });
         }
         let bytes = source.bytes().next_multiple_of(4);
-        self.step(Step::Copy { source: source.into(), destination: destination.into(), bytes });
+        self.step(Step::Copy { source: source.into(), offset: 0, destination: destination.into(), bytes });
+        self
+    }
+
+    /// Copies as many elements as `destination` has from `source`, from element `first` on.
+    pub fn copy_from<T: DeviceElement>(
+        &mut self,
+        source: &Buffer<T>,
+        first: usize,
+        destination: &Buffer<T>,
+    ) -> &mut Self {
+        let (end, offset) = (first.saturating_add(destination.len()), (first * size_of::<T>()) as u64);
+        if end > source.len() {
+            let (found, expected) = (source.len() as u64, end as u64);
+            self.error.get_or_insert(Error::LengthMismatch { what: source.label(), found, expected });
+        }
+        if !(offset.is_multiple_of(4) && destination.bytes().is_multiple_of(4)) {
+            self.error.get_or_insert(Error::Unsupported {
+                what: format!("copying {} bytes from byte {offset} of {}", destination.bytes(), source.label()),
+                advice: "copy whole words of 4 bytes",
+            });
+        }
+        let bytes = destination.bytes();
+        self.step(Step::Copy { source: source.into(), offset, destination: destination.into(), bytes });
         self
     }
 
@@ -146,7 +185,22 @@ impl Commands {
     /// # Errors
     /// `Device` with the driver's message, `OutOfDeviceMemory`, `DeviceLost`.
     pub fn submit(self) -> Result<()> {
-        self.encode_and_submit(false).map(drop)
+        self.submit_repeated(1)
+    }
+
+    /// Submits so many times, one after the other, without waiting. What is recorded is made ready once, so that this takes the host much less
+    /// time than recording it again.
+    ///
+    /// # Errors
+    /// As [`Commands::submit`].
+    pub fn submit_repeated(mut self, times: u32) -> Result<()> {
+        if times == 0 {
+            return self.error.map_or(Ok(()), Err);
+        }
+        // Without times to take, all dispatches between two copies are one pass.
+        let (name, steps) = (self.label, self.stages.drain(..).flat_map(|stage| stage.steps).collect());
+        self.stages = vec![Stage { name, steps }];
+        self.encode_and_submit(false, times).map(drop)
     }
 
     /// Submits, waits, and returns the time of every stage; none where there is no memory to read them back.
@@ -156,7 +210,7 @@ impl Commands {
     pub fn run(self) -> Result<Vec<StageTime>> {
         let (gpu, label) = (self.gpu.clone(), self.label);
         let names: Vec<&'static str> = self.stages.iter().map(|s| s.name).collect();
-        let (submission, ticks) = self.encode_and_submit(true)?;
+        let (submission, ticks) = self.encode_and_submit(true, 1)?;
         let ticks = match ticks.map(|ticks| gpu.read(&ticks)).transpose() {
             // The work is done, or about to be: what fails is the copy of its times.
             Err(Error::OutOfDeviceMemory { .. }) => None,
@@ -176,7 +230,7 @@ impl Commands {
     }
 
     #[allow(clippy::type_complexity, reason = "private, and both parts are named where they are used")]
-    fn encode_and_submit(self, timed: bool) -> Result<(wgpu::SubmissionIndex, Option<Buffer<u64>>)> {
+    fn encode_and_submit(self, timed: bool, times: u32) -> Result<(wgpu::SubmissionIndex, Option<Buffer<u64>>)> {
         if let Some(error) = self.error {
             return Err(error);
         }
@@ -193,8 +247,17 @@ impl Commands {
                     count: n_ticks as u32,
                 })
             });
-            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
-            for (number, stage) in stages.iter().enumerate() {
+            let encoder = || device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
+            // The device works on one part while the host makes the next one ready.
+            for _ in 0..times.div_ceil(TOGETHER) - 1 {
+                let mut encoder = encoder();
+                for stage in (0..TOGETHER).flat_map(|_| &stages) {
+                    encode_stage(&gpu, &mut encoder, stage, None);
+                }
+                gpu.queue().submit([encoder.finish()]);
+            }
+            let mut encoder = encoder();
+            for (number, stage) in (0..(times - 1) % TOGETHER + 1).flat_map(|_| stages.iter().enumerate()) {
                 encode_stage(&gpu, &mut encoder, stage, query_set.as_ref().map(|set| (set, 2 * number as u32)));
             }
             if let (Some(set), Some(buffer)) = (&query_set, &ticks) {
@@ -238,8 +301,9 @@ fn encode_stage(gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, stage: &Stage, ti
             }),
         });
         for step in &stage.steps[i..i + run] {
-            if let Step::Dispatch { pipeline, groups, workgroups } = step {
-                encode_dispatch(gpu, &mut pass, pipeline, groups, workgroups);
+            if let Step::Dispatch { pipeline, groups, made, workgroups } = step {
+                let made = made.get_or_init(|| bind_groups(gpu, pipeline, groups));
+                encode_dispatch(gpu, &mut pass, pipeline, made, workgroups);
             }
         }
         i += run;
@@ -261,40 +325,43 @@ fn copies(encoder: &mut wgpu::CommandEncoder, steps: &[Step]) {
     for step in steps {
         match step {
             Step::Clear { buffer, bytes } => encoder.clear_buffer(&buffer.raw, 0, Some(*bytes)),
-            Step::Copy { source, destination, bytes } => {
-                encoder.copy_buffer_to_buffer(&source.raw, 0, &destination.raw, 0, *bytes);
+            Step::Copy { source, offset, destination, bytes } => {
+                encoder.copy_buffer_to_buffer(&source.raw, *offset, &destination.raw, 0, *bytes);
             }
             Step::Dispatch { .. } => {}
         }
     }
 }
 
+/// The bindings of a dispatch as the driver takes them.
+fn bind_groups(gpu: &Gpu, pipeline: &Pipeline, groups: &[Vec<Bind>; 2]) -> Vec<wgpu::BindGroup> {
+    let make = |(layout, binds): (&wgpu::BindGroupLayout, &Vec<Bind>)| {
+        let entries: Vec<_> = binds.iter().enumerate().map(entry).collect();
+        let descriptor = wgpu::BindGroupDescriptor { label: Some(pipeline.name()), layout, entries: &entries };
+        gpu.device().create_bind_group(&descriptor)
+    };
+    pipeline.groups.iter().zip(groups).map(make).collect()
+}
+
+fn entry((binding, bind): (usize, &Bind)) -> wgpu::BindGroupEntry<'_> {
+    let size = std::num::NonZeroU64::new(bind.bytes);
+    let buffer = wgpu::BufferBinding { buffer: &bind.raw, offset: 0, size };
+    wgpu::BindGroupEntry { binding: binding as u32, resource: wgpu::BindingResource::Buffer(buffer) }
+}
+
 fn encode_dispatch(
     gpu: &Gpu,
     pass: &mut wgpu::ComputePass<'_>,
     pipeline: &Pipeline,
-    groups: &[Vec<Bind>; 2],
+    groups: &[wgpu::BindGroup],
     workgroups: &Workgroups,
 ) {
     if matches!(workgroups, Workgroups::Count(0) | Workgroups::Covering(0)) {
         return;
     }
     pass.set_pipeline(&pipeline.raw);
-    for (number, (layout, binds)) in pipeline.groups.iter().zip(groups).enumerate() {
-        let entries: Vec<_> = binds
-            .iter()
-            .enumerate()
-            .map(|(binding, bind)| wgpu::BindGroupEntry {
-                binding: binding as u32,
-                resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-                    buffer: &bind.raw,
-                    offset: 0,
-                    size: std::num::NonZeroU64::new(bind.bytes),
-                }),
-            })
-            .collect();
-        let descriptor = wgpu::BindGroupDescriptor { label: Some(pipeline.name()), layout, entries: &entries };
-        pass.set_bind_group(number as u32, &gpu.device().create_bind_group(&descriptor), &[]);
+    for (number, group) in groups.iter().enumerate() {
+        pass.set_bind_group(number as u32, group, &[]);
     }
     let count = match workgroups {
         Workgroups::Indirect(bind, offset) => return pass.dispatch_workgroups_indirect(&bind.raw, *offset),

@@ -1,11 +1,14 @@
-//! Grains against a table of an independent program, and what they conserve.
+//! Grains against a table of an independent program, what they conserve, and what cannot be simulated.
 
+use libtest_mimic::Trial;
 use nearfield::application::Watch;
 use nearfield::application::particles::{
-    BuiltinOptions, DemSettings, Dimensions, Measures, ParticleModel, ParticleScene, ParticleSearch, Particles,
-    Simulate, Simulation, SimulationSettings, TimeStep, builtin_scene,
+    BuiltinOptions, DemSettings, Dimensions, Measures, PairRule, ParticleModel, ParticleScene, ParticleSearch,
+    Particles, Simulate, Simulation, SimulationSettings, TimeStep, builtin_scene,
 };
 use nearfield::{DVec3, Error, RebuildPolicy};
+
+use crate::support::{Random, trial};
 
 /// Contacts, mean height, kinetic energy a particle, highest speed after so many steps of Green2010's start with 16,384 grains, by a program
 /// of its own in double precision that compares all pairs.
@@ -18,19 +21,87 @@ const GOLDEN: [(u32, u64, f64, f64, f64); 6] = [
     (300, 30_996, -0.922_558, 2.812_795e-5, 0.017_53),
 ];
 
-fn of(simulation: &Simulation) -> Measures {
-    simulation.measure().expect("a simulation on the CPU should be measured")
+pub(crate) fn trials() -> Vec<Trial> {
+    let mut trials = vec![
+        trial("golden_table_of_green_is_met", golden_table_is_met),
+        trial("momentum_stays_where_nothing_pushes_from_outside", momentum_stays),
+        trial("energy_never_grows_without_springs", energy_never_grows),
+        trial("grains_can_be_none_one_or_all_in_one_place", few_and_coincident),
+        trial("grains_that_are_too_fast_end_the_simulation", blow_up_is_told),
+        trial("scenes_that_cannot_be_simulated_are_errors", wrong_scenes_are_errors),
+        trial("a_simulation_goes_on_from_saved_grains", resumes),
+    ];
+    for rule in PairRule::ALL {
+        let name = format!("every_search_gives_the_same_grains_{}", rule.name());
+        trials.push(trial(name, move || searches_agree(rule)));
+    }
+    trials
 }
 
-#[test]
-fn golden_table_of_green_is_met() {
-    let scene = builtin_scene("dem-box", &BuiltinOptions::default()).expect("a built-in scene");
-    let mut simulation =
-        Simulation::new(&scene, &SimulationSettings::default()).expect("a scene that can be simulated");
+/// Every search, trees by every policy that does not depend on times.
+pub(crate) fn searches() -> Vec<ParticleSearch> {
+    let mut searches = ParticleSearch::ALL.to_vec();
+    searches.push(ParticleSearch::AabbTree(RebuildPolicy::Always));
+    searches.push(ParticleSearch::Coherent(RebuildPolicy::Never));
+    searches
+}
+
+/// Grains of three radii that fall through each other in a box.
+pub(crate) fn three_classes(rule: PairRule) -> ParticleScene {
+    let mut random = Random(7);
+    let mut unit = || f64::from(random.unit());
+    let mut particles = Particles::default();
+    for i in 0..600u32 {
+        particles.positions.push(DVec3::new(0.1 + 0.8 * unit(), 0.1 + 0.8 * unit(), 0.1 + 0.8 * unit()));
+        particles.velocities.push(0.01 * DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5));
+        particles.classes.push((i % 3) as u8);
+    }
+    let mut settings = DemSettings::green(0.03);
+    settings.radii = vec![0.09, 0.06, 0.03];
+    settings.pair_rule = rule;
+    settings.spring = 0.02;
+    ParticleScene {
+        name: "three-classes".to_owned(),
+        dimensions: Dimensions::Three,
+        domain: [DVec3::ZERO, DVec3::ONE],
+        periodic: [false; 3],
+        gravity: DVec3::new(0.0, -0.0003, 0.0),
+        particles,
+        boundary: Vec::new(),
+        model: ParticleModel::Dem(settings),
+        time_step: TimeStep::Fixed(0.5),
+    }
+}
+
+/// The built-in box of Green2010 with fewer grains.
+pub(crate) fn few_grains(particles: u32) -> ParticleScene {
+    builtin_scene("dem-box", &BuiltinOptions { particles: Some(particles), ..BuiltinOptions::default() }).unwrap()
+}
+
+fn of_grains(scene: &mut ParticleScene) -> &mut DemSettings {
+    match &mut scene.model {
+        ParticleModel::Dem(settings) => settings,
+        other => panic!("{} is no model of grains", other.name()),
+    }
+}
+
+fn run(scene: &ParticleScene, settings: &SimulationSettings, steps: u32) -> Simulation {
+    let mut simulation = Simulation::new(scene, settings).unwrap();
+    simulation.advance(steps, &mut Watch::none()).unwrap();
+    simulation
+}
+
+fn measure(simulation: &Simulation) -> Measures {
+    simulation.measure().unwrap()
+}
+
+fn golden_table_is_met() {
+    let scene = builtin_scene("dem-box", &BuiltinOptions::default()).unwrap();
+    let mut simulation = Simulation::new(&scene, &SimulationSettings::default()).unwrap();
     for (step, contacts, height, energy, speed) in GOLDEN {
         let steps = step - simulation.step() as u32;
-        let reports = simulation.advance(steps, &mut Watch::none()).expect("steps");
-        let measures = of(&simulation);
+        let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
+        let measures = measure(&simulation);
         let n = scene.particles.len() as f64;
         let found = reports.last().map_or(0.0, |report| report.mean_neighbors * n / 2.0);
         let own = (measures.mean_position.y, measures.kinetic_energy / n, measures.max_speed);
@@ -44,4 +115,167 @@ fn golden_table_of_green_is_met() {
             assert!((own.2 - speed).abs() <= 5.1e-6, "step {step}: speed {}", own.2);
         }
     }
+}
+
+fn momentum_stays() {
+    let mut scene = three_classes(PairRule::Contact);
+    scene.gravity = DVec3::ZERO;
+    // Walls far away.
+    scene.domain = [DVec3::splat(-1e3), DVec3::splat(1e3)];
+    let before = Measures::of(&scene, &scene.particles);
+    let after = measure(&run(&scene, &SimulationSettings::default(), 50));
+    let moved = scene.particles.velocities.iter().map(|v| v.length()).sum::<f64>();
+    assert!((after.momentum - before.momentum).length() <= 1e-13 * moved, "{} to {}", before.momentum, after.momentum);
+    assert!(after.kinetic_energy != before.kinetic_energy, "the grains should have pushed each other");
+}
+
+fn energy_never_grows() {
+    let mut scene = three_classes(PairRule::Contact);
+    scene.gravity = DVec3::ZERO;
+    of_grains(&mut scene).spring = 0.0;
+    // A grain takes over a fiftieth of the relative velocity of each neighbour, and a tenth of its tangential part: below one in all with
+    // fewer than eight neighbours.
+    scene.particles.positions.iter_mut().for_each(|p| *p = 2.0 * *p);
+    scene.domain[1] = DVec3::splat(2.0);
+    let mut simulation = Simulation::new(&scene, &SimulationSettings::default()).unwrap();
+    let mut energy = Measures::of(&scene, &scene.particles).kinetic_energy;
+    for _ in 0..30 {
+        simulation.advance(1, &mut Watch::none()).unwrap();
+        let now = measure(&simulation).kinetic_energy;
+        assert!(now <= energy, "from {energy:e} to {now:e}");
+        energy = now;
+    }
+}
+
+fn few_and_coincident() {
+    for n in [0, 1] {
+        let mut scene = few_grains(1);
+        // Away from all walls.
+        scene.particles = Particles::at_rest(vec![DVec3::ZERO; n as usize]);
+        for search in searches() {
+            let simulation = run(&scene, &SimulationSettings { search, ..SimulationSettings::default() }, 3);
+            let measures = measure(&simulation);
+            // Three steps of free fall: v = g dt k, x = -½ g dt² k (k + 1).
+            let fallen = f64::from(n) * -0.0003 * 0.5 * 3.0;
+            assert!((measures.momentum.y - fallen).abs() < 1e-15, "{n} by {search}: {}", measures.momentum.y);
+        }
+    }
+    let mut scene = few_grains(50);
+    scene.particles.positions.fill(DVec3::new(0.25, 0.25, 0.25));
+    for search in searches() {
+        let particles =
+            run(&scene, &SimulationSettings { search, ..SimulationSettings::default() }, 3).particles().unwrap();
+        // Without a direction there is no push: they fall together.
+        assert!(particles.positions.iter().all(|p| *p == particles.positions[0] && p.is_finite()), "{search}");
+    }
+}
+
+fn searches_agree(rule: PairRule) {
+    let scene = three_classes(rule);
+    let settings =
+        |search| SimulationSettings { search, deterministic: true, reorder_every: 7, ..SimulationSettings::default() };
+    let expected = run(&scene, &settings(ParticleSearch::BruteForce), 40);
+    let expected_reports = expected.measure().unwrap();
+    let expected = expected.particles().unwrap();
+    for search in searches() {
+        let found = run(&scene, &settings(search), 40);
+        assert_eq!(found.measure().unwrap(), expected_reports, "{search}");
+        assert_eq!(found.particles().unwrap(), expected, "{search}");
+    }
+    // Sums as they come differ by rounding at most, after few steps.
+    for search in searches() {
+        let settings = SimulationSettings { search, ..SimulationSettings::default() };
+        let found = run(&scene, &settings, 2).particles().unwrap();
+        let exact = run(&scene, &SimulationSettings { deterministic: true, ..settings }, 2).particles().unwrap();
+        for (a, b) in found.positions.iter().zip(&exact.positions) {
+            assert!((*a - *b).length() < 1e-14, "{search}: {a} and {b}");
+        }
+    }
+}
+
+fn blow_up_is_told() {
+    let mut scene = three_classes(PairRule::Contact);
+    scene.particles.velocities[41] = DVec3::new(0.0, 0.5, 0.0);
+    let settings = SimulationSettings { max_speed: 0.6, ..SimulationSettings::default() };
+    let mut simulation = Simulation::new(&scene, &settings).unwrap();
+    // A push of all its neighbours at once is more than it bears.
+    of_grains(&mut scene).spring = 50.0;
+    let mut hard = Simulation::new(&scene, &settings).unwrap();
+    simulation.advance(1, &mut Watch::none()).unwrap();
+    match hard.advance(5, &mut Watch::none()) {
+        Err(Error::BlowUp { step, speed, limit, .. }) => {
+            assert!(step >= 1 && speed > limit && limit == 0.6, "step {step}: {speed} above {limit}");
+            assert_eq!(hard.step() + 1, step);
+            let kept = hard.particles().unwrap();
+            assert!(kept.velocities.iter().all(|v| v.length() <= 0.6), "what is kept should be good");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+fn wrong_scenes_are_errors() {
+    type Damage = fn(&mut ParticleScene);
+    let cases: [(&str, Damage); 12] = [
+        ("time step", |scene| scene.time_step = TimeStep::Fixed(0.0)),
+        ("time step", |scene| scene.time_step = TimeStep::Fixed(f64::NAN)),
+        ("time steps", |scene| scene.time_step = TimeStep::Cfl { factor: 0.4, least: 2.0, most: 1.0 }),
+        ("radius of grains", |scene| of_grains(scene).radii[1] = -1.0),
+        ("radii of grains", |scene| of_grains(scene).radii.clear()),
+        ("spring of grains", |scene| of_grains(scene).spring = f64::NAN),
+        ("domain", |scene| scene.domain[1].x = -1.0),
+        ("gravity", |scene| scene.gravity.x = f64::INFINITY),
+        ("class of a particle", |scene| scene.particles.classes[3] = 3),
+        ("boundary", |scene| scene.boundary.push(DVec3::ZERO)),
+        ("dimensions", |scene| scene.dimensions = Dimensions::Two),
+        ("radius of the collider", |scene| {
+            let center = DVec3::ZERO;
+            of_grains(scene).collider = Some(nearfield::application::particles::Collider { center, radius: 0.0 });
+        }),
+    ];
+    for (setting, damage) in cases {
+        let mut scene = three_classes(PairRule::Contact);
+        damage(&mut scene);
+        match Simulation::new(&scene, &SimulationSettings::default()).map(drop) {
+            Err(Error::InvalidSetting { setting: told, .. }) => assert_eq!(told, setting),
+            other => panic!("{setting}: {other:?}"),
+        }
+    }
+    let mut scene = three_classes(PairRule::Contact);
+    scene.particles.positions[5].y = 7.0;
+    scene.particles.positions[8].y = -7.0;
+    let outside = Simulation::new(&scene, &SimulationSettings::default()).map(drop);
+    assert!(matches!(outside, Err(Error::OutsideDomain { count: 2, first: 5, .. })), "{outside:?}");
+    scene.particles.positions[5].y = f64::NAN;
+    let invalid = Simulation::new(&scene, &SimulationSettings::default()).map(drop);
+    assert!(matches!(invalid, Err(Error::NonFinite { count: 1, first: 5, .. })), "{invalid:?}");
+    scene.particles.velocities.pop();
+    let short = Simulation::new(&scene, &SimulationSettings::default()).map(drop);
+    assert!(matches!(short, Err(Error::LengthMismatch { found: 599, expected: 600, .. })), "{short:?}");
+    let scene = three_classes(PairRule::Contact);
+    for settings in [
+        SimulationSettings { max_speed: 0.0, ..SimulationSettings::default() },
+        SimulationSettings { search: ParticleSearch::Verlet { skin: 0.0 }, ..SimulationSettings::default() },
+        SimulationSettings {
+            search: ParticleSearch::AabbTree(RebuildPolicy::VolumeRatio { limit: 0.5 }),
+            ..SimulationSettings::default()
+        },
+    ] {
+        let refused = Simulation::new(&scene, &settings).map(drop);
+        assert!(matches!(refused, Err(Error::InvalidSetting { .. })), "{refused:?}");
+    }
+}
+
+fn resumes() {
+    let scene = three_classes(PairRule::Contact);
+    let settings = SimulationSettings { deterministic: true, reorder_every: 0, ..SimulationSettings::default() };
+    let expected = run(&scene, &settings, 20);
+    let half = run(&scene, &settings, 10);
+    let mut resumed = Simulation::new(&scene, &settings).unwrap();
+    resumed.resume(&half.particles().unwrap(), half.step(), half.time()).unwrap();
+    resumed.advance(10, &mut Watch::none()).unwrap();
+    assert_eq!(resumed.particles().unwrap(), expected.particles().unwrap());
+    assert_eq!((resumed.step(), resumed.time()), (20, 10.0));
+    let few = Particles::at_rest(vec![DVec3::splat(0.5); 3]);
+    let refused = resumed.resume(&few, 0, 0.0);
+    assert!(matches!(refused, Err(Error::LengthMismatch { found: 3, expected: 600, .. })), "{refused:?}");
 }

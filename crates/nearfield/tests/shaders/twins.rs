@@ -4,6 +4,10 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use nearfield::application::mls::{ConcludeParameters, FitParameters, FitState, IterationSums, PointPlace};
+use nearfield::application::particles::{
+    DemCollide, DemIntegrate, ParticleBlock, ParticleClock, ParticleDrift, ParticleInspection, ParticlePart,
+    ParticleRecord, PbfFluid,
+};
 use nearfield::application::wlop::{AdvanceParameters, DensityParameters, PairParameters, Pull, Record, RecordPart};
 use nearfield::application::{
     ContourCell, ContourParameters, FieldParameters, PathParameters, PathState, SceneLayout, WindingLayout,
@@ -15,6 +19,7 @@ use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
 use nearfield::structure::kd_tree::{KdLeaf, KdNode, KdRoot};
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
+use nearfield::structure::multi_level_grid::{GridLevel, MultiLevelLayout};
 use nearfield::structure::triangle_bvh::CompressedNode;
 use nearfield::structure::uniform_grid::GridLayout;
 use nearfield::{HitRecord, Ray, RayWork, Vec3};
@@ -167,6 +172,32 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         padding_0,
         padding_1
     });
+    let inspection = layout_of!(ParticleInspection {
+        n_particles,
+        n_parts,
+        rest_density,
+        max_speed2,
+        factor,
+        length,
+        sound_speed,
+        least_step,
+        most_step,
+        padding_0,
+        padding_1,
+        padding_2
+    });
+    let collide = layout_of!(DemCollide {
+        collider,
+        radii,
+        spring,
+        damping,
+        shear,
+        attraction,
+        pair_rule,
+        one_class,
+        quantum,
+        inverse_quantum
+    });
     let contour =
         layout_of!(ContourParameters { corner, spacing, nodes, n_nodes, level, two_sided, threshold, n_cells });
     BTreeMap::from([
@@ -199,6 +230,8 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ("OctreeLayout", octree),
         ("TreeLayout", layout_of!(TreeLayout { period, n_points, inverse_period, depth })),
         ("GridLayout", grid),
+        ("GridLevel", layout_of!(GridLevel { grid, first_entry, first_point, radius, padding })),
+        ("MultiLevelLayout", layout_of!(MultiLevelLayout { n_points, n_levels, rule, padding, levels })),
         ("Layout", brute_force),
         ("Batch", batch),
         ("KnnRun", with_single_words(run)),
@@ -211,6 +244,33 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ("Sweep", sweep),
         ("Domain", domain()),
         ("ContourParameters", contour),
+        ("ParticleBlock", layout_of!(ParticleBlock { first, count, padding_0, padding_1 })),
+        ("ParticleDrift", layout_of!(ParticleDrift { n_points, limit2, padding_0, padding_1 })),
+        ("ParticleInspection", inspection),
+        (
+            "DemIntegrate",
+            layout_of!(DemIntegrate { gravity, n_particles, low, global_damping, high, wall_damping, radii }),
+        ),
+        ("DemCollide", collide),
+        (
+            "PbfFluid",
+            layout_of!(PbfFluid {
+                low,
+                n_particles,
+                high,
+                support,
+                gravity,
+                inverse_support,
+                value_factor,
+                gradient_factor,
+                relaxation,
+                tensile,
+                rest_density,
+                xsph,
+                vorticity,
+                n_parts
+            }),
+        ),
     ])
 }
 
@@ -260,10 +320,31 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
             }),
         ),
     ];
+    let particles = [
+        ("ParticleClock", layout_of!(ParticleClock { time_step, time, made, padding })),
+        ("ParticlePart", layout_of!(ParticlePart { neighbors, max_speed2, compression, max_compression, first_bad })),
+        (
+            "ParticleRecord",
+            layout_of!(ParticleRecord {
+                neighbors,
+                max_speed2,
+                compression,
+                max_compression,
+                first_bad,
+                time_step,
+                time,
+                padding,
+                position,
+                velocity
+            }),
+        ),
+    ];
     let compressed =
         layout_of!(CompressedNode { origin, steps, first_node, first_triangle, slots, low_xy, low_z_high_x, high_yz });
     let nodes = [("OctreeNode", node), ("Summary", summary), ("AabbNode", aabb_node), ("CompressedNode", compressed)];
-    BTreeMap::from_iter(nodes.into_iter().chain(rays).chain(fits).chain([("Asked", asked), ("HitN", hit)]))
+    BTreeMap::from_iter(
+        nodes.into_iter().chain(rays).chain(fits).chain(particles).chain([("Asked", asked), ("HitN", hit)]),
+    )
 }
 
 /// The layout of a domain, whose fields are private: from where its values stand.

@@ -174,7 +174,7 @@ impl<'a> Run<'a> {
         let filled = gpu.buffer::<u32>("bricks to fill", self.n_bricks + 1)?;
         let count = gpu.buffer::<u32>("number of bricks to fill", 1)?;
         let [third, fourth, fifth] = self.surface.binds.clone();
-        let binds = [
+        let mut binds = [
             (&self.parameters).into(),
             (&self.axes).into(),
             (&flags).into(),
@@ -186,7 +186,8 @@ impl<'a> Run<'a> {
             (&self.nearest).into(),
             (&self.outcome).into(),
         ];
-        let [classify, fill] = [self.nearest_kernel("classify_bricks")?, self.nearest_kernel("fill_bricks")?];
+        let classify = self.nearest_kernel("classify_bricks")?;
+        let [refine, fill] = [self.nearest_kernel("refine_bricks")?, self.nearest_kernel("fill_bricks")?];
         let compact = GpuCompact::new(gpu, self.n_bricks)?;
         let undefine = gpu.pipeline(&Kernel {
             constants: &[("WORKGROUP", f64::from(WORKGROUP))],
@@ -204,7 +205,11 @@ impl<'a> Run<'a> {
         let mut commands = gpu.commands("nearest samples of a field");
         commands.stage("nearest");
         commands.dispatch(&undefine, &[(&parameters).into(), (&self.nearest).into()], Workgroups::Covering(n_nodes));
-        let invocations = u64::from(n_filled[0]) * EIGHTHS * u64::from(WORKGROUP);
+        let eighths = u64::from(n_filled[0]) * EIGHTHS;
+        let seeds = gpu.buffer::<u32>("nearest samples of eighths of bricks", eighths as usize)?;
+        binds[2] = (&seeds).into();
+        commands.dispatch(&refine, &binds, Workgroups::Covering(eighths));
+        let invocations = eighths * u64::from(WORKGROUP);
         commands.dispatch(&fill, &binds, Workgroups::Covering(invocations));
         stages.extend(commands.run()?);
         Ok(stages)

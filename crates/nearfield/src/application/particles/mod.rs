@@ -19,29 +19,65 @@
 //! Sources: Green2010 (grains), Macklin2013 (position-based fluids), Becker2007 and Bender2017 (smoothed particle hydrodynamics),
 //! Akinci2012 (boundaries), Xing2017 §5.2 and §7 (what is measured).
 
+mod checkpoint;
 mod cpu;
 mod dem;
 mod dfsph;
 mod fluid;
+#[cfg(feature = "gpu")]
+mod gpu;
+#[cfg(feature = "gpu")]
+mod gpu_list;
+#[cfg(feature = "gpu")]
+mod gpu_neighborhood;
+#[cfg(feature = "gpu")]
+mod gpu_state;
 mod images;
+mod lattice;
 mod measures;
 mod neighborhood;
 mod pbf;
+mod reach;
 mod scene;
+#[cfg(feature = "io")]
+mod scene_file;
 mod scenes;
 mod search;
 mod simulate;
 mod state;
+mod surface;
 mod wcsph;
 
+pub use checkpoint::Checkpoint;
 pub use cpu::Simulation;
 pub use dem::{Collider, DemSettings, PairRule};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use dem::{DemCollide, DemIntegrate};
 pub use dfsph::DfsphSettings;
 pub use fluid::{Fluid, SmoothingKernel};
+#[cfg(feature = "gpu")]
+pub use gpu::GpuSimulation;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::{ParticleClock, ParticleInspection, ParticlePart, ParticleRecord};
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu_list::ParticleDrift;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu_state::ParticleBlock;
+pub use lattice::{fill_ball, fill_box, line_box};
 pub use measures::Measures;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use pbf::PbfFluid;
 pub use pbf::PbfSettings;
 pub use scene::{Dimensions, MOST_CLASSES, ParticleModel, ParticleScene, Particles, TimeStep};
-pub use scenes::{BuiltinOptions, builtin_names, builtin_scene};
+#[cfg(feature = "io")]
+pub use scene_file::{parse_particle_scene, read_particle_scene};
+pub use scenes::{BuiltinOptions, FluidModel, builtin_names, builtin_scene};
 pub use search::{ParticleSearch, SimulationSettings};
 pub use simulate::{Simulate, StepReport};
+pub use surface::ParticleSurface;
 pub use wcsph::WcsphSettings;

@@ -146,6 +146,16 @@ impl ParticleModel {
         }
     }
 
+    /// Density of the fluid at rest; 1 for grains.
+    pub fn rest_density(&self) -> f64 {
+        match self {
+            Self::Dem(_) => 1.0,
+            Self::Pbf(pbf) => pbf.fluid.rest_density,
+            Self::Wcsph(wcsph) => wcsph.fluid.rest_density,
+            Self::Dfsph(dfsph) => dfsph.fluid.rest_density,
+        }
+    }
+
     fn validate(&self) -> Result<()> {
         match self {
             Self::Dem(dem) => dem.validate(),
@@ -207,6 +217,9 @@ impl ParticleScene {
         let (n, moving) = (self.particles.len(), &self.particles);
         same_length("velocities of particles", moving.velocities.len(), n)?;
         same_length("classes of particles", moving.classes.len(), n)?;
+        if !moving.densities.is_empty() {
+            same_length("densities of particles", moving.densities.len(), n)?;
+        }
         finite("positions of particles", &moving.positions)?;
         finite("velocities of particles", &moving.velocities)?;
         finite("positions of the boundary", &self.boundary)?;

@@ -117,14 +117,16 @@ impl QueryBuffers {
         Ok(Self { queries: packed.unwrap_or(queries), radii, first_id, are_points: own, candidates })
     }
 
-    /// Queries that are on the device with their slots; they stay in their order, unless they are searched in packs.
+    /// Queries that are on the device with their slots; they stay in their order, unless they are searched in packs. Those that are the very
+    /// memory of the structure's points are dealt out as its points are.
     pub(super) fn on_device<S: GpuStructure>(
         structure: &S,
         question: &FixedRadius<'_>,
         queries: Buffer<DevicePoint>,
         radii: Buffer<f32>,
     ) -> Result<Self> {
-        Self::new(structure, question, (queries, radii), 0, false)
+        let own = queries.raw() == structure.points().raw() && queries.len() == structure.len();
+        Self::new(structure, question, (queries, radii), 0, own)
     }
 
     /// The queries of the question in the structure's order: slots are the caller's indices.

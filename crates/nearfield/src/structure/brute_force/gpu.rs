@@ -5,11 +5,11 @@ use std::time::Instant;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use crate::Result;
 use crate::geometry::{Aabb, Period, validate};
 use crate::gpu::{Access, Bind, Buffer, Gpu};
 use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
 use crate::structure::{BruteForce, BuildStage, CpuStructure};
+use crate::{Error, Result};
 
 /// `Layout` in traverse.wesl, byte for byte.
 #[repr(C)]
@@ -52,16 +52,44 @@ impl GpuBruteForce {
     pub fn build_periodic(gpu: &Gpu, points: &[Vec3], period: Period) -> Result<Self> {
         validate::points(points)?;
         let start = Instant::now();
+        let points = gpu.upload("points", &device_points(points, 0))?;
+        let mut all = Self::of_points(gpu, &points, period)?;
+        all.stages.push(BuildStage::on_host("upload", start));
+        Ok(all)
+    }
+
+    /// Takes points that are on the device already; the memory is shared, so that they may move.
+    ///
+    /// - `points`: `[n]` xyz, and the index that answers use as bits of w; trusted to be finite and within ±1e18
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory`, `DeviceLost`.
+    pub fn build_on_device(gpu: &Gpu, points: &Buffer<DevicePoint>) -> Result<Self> {
+        Self::of_points(gpu, points, Period::NONE)
+    }
+
+    /// Takes the memory of as many other points.
+    ///
+    /// # Errors
+    /// `LengthMismatch` for another number.
+    pub fn replace_points(&mut self, points: &Buffer<DevicePoint>) -> Result<()> {
+        if points.len() != self.points.len() {
+            let (found, expected) = (points.len() as u64, self.points.len() as u64);
+            return Err(Error::LengthMismatch { what: "points to replace others", found, expected });
+        }
+        self.points = points.clone();
+        Ok(())
+    }
+
+    fn of_points(gpu: &Gpu, points: &Buffer<DevicePoint>, period: Period) -> Result<Self> {
         let layout = BruteForceLayout {
             period: period.lengths().to_array(),
             n_points: points.len() as u32,
             inverse_period: period.inverse().to_array(),
             padding: 0,
         };
-        let points = gpu.upload("points", &device_points(points, 0))?;
         let layout = gpu.uniform("brute-force layout", &layout)?;
-        let stages = vec![BuildStage::on_host("upload", start)];
-        Ok(Self { gpu: gpu.clone(), points, layout, period, stages })
+        Ok(Self { gpu: gpu.clone(), points: points.clone(), layout, period, stages: Vec::new() })
     }
 }
 

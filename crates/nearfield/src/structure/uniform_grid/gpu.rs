@@ -7,13 +7,13 @@ use glam::Vec3;
 
 use super::effort::Balls;
 use super::{GridLayout, GridSettings};
-use crate::Result;
 use crate::geometry::{Aabb, Period, validate};
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
 use crate::parallel::radix_sort::GpuRadixSort;
 use crate::parallel::scan::GpuScan;
 use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
 use crate::structure::{BuildStage, CpuStructure, UniformGrid};
+use crate::{Error, Result};
 
 /// Invocations of a workgroup of the build kernels.
 const WORKGROUP: u32 = 256;
@@ -152,6 +152,24 @@ impl GridBuilder {
         })
     }
 
+    /// Records a build of these points in the memory of a grid that this builder made: nothing runs before the commands are submitted, and
+    /// nothing is read back.
+    ///
+    /// # Errors
+    /// `LengthMismatch` for another number of points, or a grid of another builder; `OutOfDeviceMemory`.
+    pub fn record_rebuild(
+        &self,
+        commands: &mut Commands,
+        points: &Buffer<DevicePoint>,
+        grid: &mut GpuUniformGrid,
+    ) -> Result<()> {
+        if grid.layout != self.layout {
+            let (found, expected) = (u64::from(grid.layout.n_points), u64::from(self.layout.n_points));
+            return Err(Error::LengthMismatch { what: "points of a grid of another builder", found, expected });
+        }
+        self.record(commands, points, (&grid.points, &grid.ids), &grid.starts)
+    }
+
     /// Records the build into `commands`.
     ///
     /// # Errors
@@ -166,7 +184,7 @@ impl GridBuilder {
         let n = self.layout.n_points as usize;
         if points.len() != n {
             let (found, expected) = (points.len() as u64, n as u64);
-            return Err(crate::Error::LengthMismatch { what: "points to build a grid of", found, expected });
+            return Err(Error::LengthMismatch { what: "points to build a grid of", found, expected });
         }
         let covering = Workgroups::Covering(n as u64);
         let layout: Bind = (&self.layout_buffer).into();

@@ -9,6 +9,8 @@
 //! −spring (reach − |x|) n + damping u + shear t + attraction x.
 
 mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
 
 use glam::DVec3;
 
@@ -16,6 +18,11 @@ use super::scene::{MOST_CLASSES, not_negative, positive};
 use crate::{Error, Result};
 
 pub(super) use cpu::CpuDem;
+#[cfg(feature = "gpu")]
+pub(super) use gpu::GpuDem;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::{DemCollide, DemIntegrate};
 
 /// Of grains. Numbers in parentheses are those of Green2010, which [`DemSettings::green`] gives.
 #[derive(Debug, Clone, PartialEq)]

@@ -93,7 +93,9 @@ mod tests {
     fn kernels_integrate_to_one() {
         const STEPS: usize = 20_000;
         for kernel in SmoothingKernel::ALL {
-            for (dimensions, support) in [(Dimensions::Two, 0.3), (Dimensions::Three, 0.3), (Dimensions::Three, 7.0)] {
+            for (dimensions, support) in
+                [(Dimensions::Two, 0.3_f64), (Dimensions::Three, 0.3), (Dimensions::Three, 7.0)]
+            {
                 let width = 1.0 / STEPS as f64;
                 let shell = |q: f64| match dimensions {
                     Dimensions::Two => 2.0 * PI * q * support.powi(2),

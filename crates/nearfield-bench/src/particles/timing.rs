@@ -1,0 +1,135 @@
+//! Steps a second of whole runs, and milliseconds of single steps.
+
+use std::time::Instant;
+
+use nearfield::application::Watch;
+use nearfield::application::particles::{Measures, ParticleScene, Particles, Simulate};
+
+use super::ways::Way;
+use crate::Result;
+use crate::paper::lab::Lab;
+
+/// Most steps that are asked for together; the device is waited for after each such batch, or more often by the simulation itself.
+const MOST_TOGETHER: u32 = 512;
+/// Seconds that a batch should take.
+const BATCH: f64 = 0.25;
+
+/// A timed run.
+#[derive(Debug, Clone)]
+pub struct Timed {
+    /// Steps that were made.
+    pub steps: u32,
+    /// Seconds they took.
+    pub seconds: f64,
+    /// Mean number of others that act on a particle, over all steps.
+    pub mean_neighbors: f64,
+    /// Trees and lists that were built anew.
+    pub rebuilds: u32,
+    /// Mean iterations of solvers in a step.
+    pub iterations: f64,
+    /// Mean density error over all steps, in parts.
+    pub density_error: f64,
+    /// Of all particles at the end.
+    pub end: Measures,
+    /// They themselves.
+    pub particles: Particles,
+}
+
+impl Timed {
+    /// Steps a second.
+    pub fn rate(&self) -> f64 {
+        f64::from(self.steps) / self.seconds
+    }
+}
+
+/// One step.
+#[derive(Debug, Clone, Copy)]
+pub struct StepTime {
+    /// Its number, from 1.
+    pub step: u64,
+    /// Milliseconds.
+    pub milliseconds: f64,
+    /// Mean number of others that act on a particle.
+    pub mean_neighbors: f64,
+    /// Trees and lists that were built anew.
+    pub rebuilds: u32,
+}
+
+/// A simulation whose kernels are compiled and whose device is awake, at the start of its scene.
+fn warm(lab: &Lab, way: Way, scene: &ParticleScene) -> Result<Box<dyn Simulate>> {
+    let mut simulation = way.open(lab, scene, false)?;
+    let seconds = if way.on_gpu { lab.effort().warm_up } else { 0.0 };
+    let start = Instant::now();
+    loop {
+        simulation.advance(1, &mut Watch::none())?;
+        if start.elapsed().as_secs_f64() >= seconds {
+            break;
+        }
+    }
+    simulation.resume(&scene.particles, 0, 0.0)?;
+    // What was sent to the device is there.
+    drop(simulation.particles()?);
+    Ok(simulation)
+}
+
+/// Times a run from the start of a scene, its first builds included, up to so many steps and for about so many seconds.
+///
+/// # Errors
+/// As the simulation.
+pub fn run(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64) -> Result<Timed> {
+    let mut simulation = warm(lab, way, scene)?;
+    let (mut done, mut together, mut rebuilds) = (0, 1, 0);
+    let (mut neighbors, mut iterations, mut density_error) = (0.0, 0.0, 0.0);
+    let begin = Instant::now();
+    while done < steps {
+        let batch = together.min(steps - done);
+        let start = Instant::now();
+        for report in simulation.advance(batch, &mut Watch::none())? {
+            neighbors += report.mean_neighbors;
+            iterations += f64::from(report.iterations);
+            density_error += report.density_error[0];
+            rebuilds += report.rebuilds;
+        }
+        done += batch;
+        if begin.elapsed().as_secs_f64() > seconds {
+            break;
+        }
+        let took = start.elapsed().as_secs_f64() / f64::from(batch);
+        together = ((BATCH / took.max(1e-9)) as u32).clamp(1, MOST_TOGETHER);
+    }
+    let took = begin.elapsed().as_secs_f64();
+    let mean = |sum: f64| sum / f64::from(done.max(1));
+    let particles = simulation.particles()?;
+    Ok(Timed {
+        steps: done,
+        seconds: took,
+        mean_neighbors: mean(neighbors),
+        rebuilds,
+        iterations: mean(iterations),
+        density_error: mean(density_error),
+        end: Measures::of(scene, &particles),
+        particles,
+    })
+}
+
+/// Times every step of a run by itself, up to so many and for about so many seconds: the device is waited for after each.
+///
+/// # Errors
+/// As the simulation.
+pub fn each_step(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64) -> Result<Vec<StepTime>> {
+    let mut simulation = warm(lab, way, scene)?;
+    let mut times = Vec::with_capacity(steps as usize);
+    let begin = Instant::now();
+    while times.len() < steps as usize && (times.is_empty() || begin.elapsed().as_secs_f64() < seconds) {
+        let start = Instant::now();
+        let reports = simulation.advance(1, &mut Watch::none())?;
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        times.extend(reports.iter().map(|report| StepTime {
+            step: report.step,
+            milliseconds,
+            mean_neighbors: report.mean_neighbors,
+            rebuilds: report.rebuilds,
+        }));
+    }
+    Ok(times)
+}
