@@ -8,6 +8,7 @@ mod pbf_gpu;
 mod pbf_reference;
 mod scene_file;
 mod scenes;
+mod sph;
 #[path = "../support/mod.rs"]
 mod support;
 mod surface;
@@ -22,5 +23,6 @@ fn main() {
     }
     trials.extend(pbf::trials());
     trials.extend(pbf_gpu::trials());
+    trials.extend(sph::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -2,14 +2,17 @@
 
 mod edges;
 mod flows;
-pub(crate) mod scenes;
+mod scenes;
 
+use libtest_mimic::Trial;
 use nearfield::application::Watch;
 use nearfield::application::particles::{ParticleScene, Simulate, Simulation, SimulationSettings};
 
-/// Whether cases that take minutes are asked for.
-fn is_long() -> bool {
-    std::env::var_os("NEARFIELD_LONG").is_some_and(|v| v == "1")
+/// The trials of smoothed fluids.
+pub(crate) fn trials() -> Vec<Trial> {
+    let mut trials = edges::trials();
+    trials.extend(flows::trials());
+    trials
 }
 
 /// A simulation with usual settings.

@@ -1,16 +1,39 @@
 //! Few particles, all in one place, settings that cannot be, the same bits by every search, and what saves and goes on.
 
+use libtest_mimic::Trial;
 use nearfield::application::Watch;
 use nearfield::application::particles::{
-    ParticleModel, ParticleScene, ParticleSearch, Particles, Simulate, Simulation, SimulationSettings, SmoothingKernel,
-    TimeStep,
+    DfsphSettings, Dimensions, ParticleModel, ParticleScene, ParticleSearch, Particles, Simulate, Simulation,
+    SimulationSettings, SmoothingKernel, TimeStep, WcsphSettings,
 };
 use nearfield::{DVec3, Error};
 
 use super::scenes::{GRAVITY, dam_break, dfsph, drop, lattice, scene, tank, wcsph};
 use super::simulation;
+use crate::support::trial;
 
 const SPACING: f64 = 0.05;
+
+/// The trials of this file.
+pub(super) fn trials() -> Vec<Trial> {
+    vec![
+        trial("smoothed_fluids::no_particle_is_nothing", no_particle_is_nothing),
+        trial("smoothed_fluids::one_particle_falls_freely", one_particle_falls_freely),
+        trial("smoothed_fluids::particles_in_one_place_stay_together", particles_in_one_place_stay_together),
+        trial("smoothed_fluids::settings_that_cannot_be_are_errors", settings_that_cannot_be_are_errors),
+        trial("smoothed_fluids::what_flies_apart_is_named", what_flies_apart_is_named),
+        trial("smoothed_fluids::every_search_gives_the_same_bits", every_search_gives_the_same_bits),
+        trial(
+            "smoothed_fluids::saved_particles_go_on_as_if_nothing_had_been",
+            saved_particles_go_on_as_if_nothing_had_been,
+        ),
+        trial("smoothed_fluids::momentum_stays_without_walls", momentum_stays_without_walls),
+        trial(
+            "smoothed_fluids::spaced_lattices_keep_their_density_in_space",
+            spaced_lattices_keep_their_density_in_space,
+        ),
+    ]
+}
 
 fn models() -> [ParticleModel; 2] {
     [ParticleModel::Wcsph(wcsph(SPACING, 6.0)), ParticleModel::Dfsph(dfsph(SPACING))]
@@ -20,7 +43,6 @@ fn make_steps(simulation: &mut Simulation, steps: u32) {
     simulation.advance(steps, &mut Watch::none()).expect("steps");
 }
 
-#[test]
 fn no_particle_is_nothing() {
     for model in models() {
         for boundary in [Vec::new(), lattice([-1.0, -1.0], [1.0, 0.0], SPACING)] {
@@ -33,7 +55,6 @@ fn no_particle_is_nothing() {
     }
 }
 
-#[test]
 fn one_particle_falls_freely() {
     for model in models() {
         let mut alone = scene("alone", vec![DVec3::new(0.5, 1.0, 0.0)], model);
@@ -49,7 +70,6 @@ fn one_particle_falls_freely() {
     }
 }
 
-#[test]
 fn particles_in_one_place_stay_together() {
     for model in models() {
         let mut heap = scene("heap", vec![DVec3::new(0.25, 0.5, 0.0); 50], model);
@@ -61,15 +81,14 @@ fn particles_in_one_place_stay_together() {
     }
 }
 
-#[test]
 fn settings_that_cannot_be_are_errors() {
     let is_refused = |what: &str, scene: &ParticleScene| {
         let made = Simulation::new(scene, &SimulationSettings::default());
         assert!(matches!(made, Err(Error::InvalidSetting { .. })), "{what} was taken");
     };
     let places = || lattice([0.0, 0.0], [1.0, 1.0], SPACING);
-    let set_wcsph = [
-        |s: &mut nearfield::application::particles::WcsphSettings| s.sound_speed = 0.0,
+    let set_wcsph: [fn(&mut WcsphSettings); 8] = [
+        |s| s.sound_speed = 0.0,
         |s| s.exponent = -7.0,
         |s| s.viscosity = f64::NAN,
         |s| s.artificial_viscosity = -0.1,
@@ -83,8 +102,8 @@ fn settings_that_cannot_be_are_errors() {
         set(&mut settings);
         is_refused(&format!("wcsph {i}"), &scene("bad", places(), ParticleModel::Wcsph(settings)));
     }
-    let set_dfsph = [
-        |s: &mut nearfield::application::particles::DfsphSettings| s.density_tolerance = 0.0,
+    let set_dfsph: [fn(&mut DfsphSettings); 5] = [
+        |s| s.density_tolerance = 0.0,
         |s| s.divergence_tolerance = -1.0,
         |s| s.most_iterations = 0,
         |s| s.xsph = f64::NAN,
@@ -109,7 +128,6 @@ fn settings_that_cannot_be_are_errors() {
     }
 }
 
-#[test]
 fn what_flies_apart_is_named() {
     for model in models() {
         let mut wild = tank(0.5, 0.5, SPACING, 1, model);
@@ -122,7 +140,6 @@ fn what_flies_apart_is_named() {
     }
 }
 
-#[test]
 fn every_search_gives_the_same_bits() {
     for model in models() {
         let mut flow = dam_break(0.1, model.clone());
@@ -137,9 +154,9 @@ fn every_search_gives_the_same_bits() {
             }
             let run = |search: ParticleSearch| {
                 let settings =
-                    SimulationSettings { search, deterministic: true, reorder_every: 7, ..Default::default() };
+                    SimulationSettings { search, deterministic: true, reorder_every: 4, ..Default::default() };
                 let mut simulation = Simulation::new(scene, &settings).expect("a scene that can be simulated");
-                make_steps(&mut simulation, 20);
+                make_steps(&mut simulation, 10);
                 simulation.particles().expect("particles")
             };
             let expected = run(ParticleSearch::BruteForce);
@@ -151,7 +168,6 @@ fn every_search_gives_the_same_bits() {
     }
 }
 
-#[test]
 fn saved_particles_go_on_as_if_nothing_had_been() {
     for model in models() {
         let mut drawn = drop(20, 1.0, model);
@@ -170,7 +186,6 @@ fn saved_particles_go_on_as_if_nothing_had_been() {
     }
 }
 
-#[test]
 fn momentum_stays_without_walls() {
     for model in models() {
         let mut drawn = drop(20, 1.0, model);
@@ -186,10 +201,8 @@ fn momentum_stays_without_walls() {
     }
 }
 
-#[test]
 fn spaced_lattices_keep_their_density_in_space() {
     // Four cells of a lattice at rest in a periodic cube: nothing moves it.
-    use nearfield::application::particles::Dimensions;
     for model in models() {
         let places = (0..216u8).map(|i| DVec3::new((i % 6).into(), (i / 6 % 6).into(), (i / 36).into()));
         let places = places.map(|p| (p + 0.5) * SPACING).collect();

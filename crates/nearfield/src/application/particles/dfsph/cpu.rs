@@ -73,11 +73,11 @@ impl CpuDfsph {
         }
     }
 
-    /// `[b]` volumes of the boundary: Akinci2012's masses in parts of the density at rest, by the factor of a flat wall.
+    /// `[b]` volumes of the boundary: Akinci2012's masses in parts of the density at rest, by the factor of flat walls.
     fn boundary_volumes(&self, state: &State, around: &Neighborhood) -> Result<Vec<f64>> {
         let fluid = &self.settings.fluid;
         let masses = masses(fluid, self.settings.smoothing, self.dimensions, state, around)?;
-        Ok(masses[state.n_moving()..].iter().map(|mass| self.lattice.wall * mass / fluid.rest_density).collect())
+        Ok(masses[state.n_moving()..].iter().map(|mass| self.lattice.wall_volume(mass / fluid.rest_density)).collect())
     }
 
     /// Volume of a neighbour.

@@ -76,7 +76,9 @@ pub(in crate::application::particles) struct Lattice {
     pub(in crate::application::particles) volume: f64,
     /// Factor of the boundary's volumes with which the density beside a wall is that at rest, where the lattice goes on into a flat wall
     /// of one layer. Some 0.7 in the plane, as in Band2018; without it particles would be pushed from the wall at the start.
-    pub(in crate::application::particles) wall: f64,
+    wall: f64,
+    /// Part of the density at rest that such a wall's own particles make at one of them.
+    layer: f64,
     /// Part of a full step of Jacobi's that an iteration for pressures makes. Pressures that alternate as the lattice answers to most are
     /// answered by more than twice the diagonal, so that full steps would make them grow; this leaves a quarter of what is stable.
     pub(in crate::application::particles) relaxation: f64,
@@ -106,7 +108,17 @@ impl Lattice {
         let volume = 1.0 / (layer(0) + 2.0 * on_one_side);
         // Of the side that is missing, a wall of one layer with volumes 1 / Σ W has its nearest layer only.
         let wall = volume * on_one_side * layer(0) / layer(1);
-        Self { volume, wall, relaxation: relaxation(fluid, smoothing, dimensions, reach) }
+        let layer = volume * layer(0);
+        Self { volume, wall, layer, relaxation: relaxation(fluid, smoothing, dimensions, reach) }
+    }
+}
+
+impl Lattice {
+    /// Volume of a particle of the boundary, given Akinci2012's 1 / Σ W. Thicker walls than of one layer fill more of the side that the fluid
+    /// leaves free, and keep more of it; all of it, where the wall is as dense as the fluid.
+    pub(in crate::application::particles) fn wall_volume(&self, volume: f64) -> f64 {
+        let thickness = ((self.volume / volume - self.layer) / (1.0 - self.layer)).clamp(0.0, 1.0);
+        volume * (self.wall + (1.0 - self.wall) * thickness)
     }
 }
 
@@ -150,8 +162,13 @@ mod tests {
         let norm = 40.0 / (7.0 * std::f64::consts::PI);
         assert!((lattice.volume * norm * (1.0 + 4.0 * near + 4.0 * far) - 1.0).abs() < 1e-14, "{}", lattice.volume);
         let (own, next) = (1.0 + 2.0 * near, near + 2.0 * far);
-        let beside_a_wall = lattice.volume * norm * (own + next) + lattice.wall / own * next;
+        let beside_a_wall =
+            lattice.volume * norm * (own + next) + lattice.wall_volume(1.0 / (norm * own)) * norm * next;
         assert!((beside_a_wall - 1.0).abs() < 1e-14, "{beside_a_wall}");
+        // Of a thick wall the first layer has the second behind it, and the third is out of reach.
+        let thick = lattice.wall_volume(1.0 / (norm * (own + next)));
+        let beside_a_thick_wall = lattice.volume * norm * (own + next) + thick * norm * next;
+        assert!((beside_a_thick_wall - 1.0).abs() < 0.005, "{beside_a_thick_wall}");
         assert!((lattice.wall - 0.7).abs() < 0.05, "{}", lattice.wall);
         // A wave k = (π/2, 0) meets ∇W of four pairs: 2 (W′(½) + √2 W′(√½)) along x, where the diagonal is 4 (W′(½)² + W′(√½)²).
         let (near, far) = (-1.5, -6.0 * (1.0 - 0.5f64.sqrt()).powi(2));
