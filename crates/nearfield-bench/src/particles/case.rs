@@ -61,7 +61,7 @@ impl<'a> Pace<'a> {
     }
 
     /// Seconds of the next row.
-    pub fn next(&mut self) -> f64 {
+    pub fn next_share(&mut self) -> f64 {
         let seconds = self.lab.left().max(0.0) / self.rows.max(1) as f64;
         self.rows = self.rows.saturating_sub(1);
         seconds.min(self.largest_share * self.lab.budget)
