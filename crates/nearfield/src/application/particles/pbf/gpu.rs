@@ -223,9 +223,9 @@ fn places(
     if scene.boundary.is_empty() {
         return Ok(places);
     }
-    let alone = State { positions: scene.boundary.clone(), classes: vec![0..0], ..State::default() };
+    let alone = State { positions: scene.boundary.clone(), ..State::default() };
     let (images, reach) = (Images::new(scene.domain, scene.periodic), vec![vec![rest.support]]);
-    let classes = vec![0..alone.positions.len()];
+    let classes = std::iter::once(0..alone.positions.len()).collect();
     let mut around = Neighborhood::new(ParticleSearch::UniformGrid, true, scene.domain, images, classes, reach);
     around.follow(&alone.positions)?;
     let volumes = boundary_volumes(settings, rest, scene.dimensions, &alone, &around)?;
