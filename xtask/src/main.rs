@@ -16,7 +16,8 @@ Usage: cargo xtask <task>
   test [--long] [FILTER…]       run every test, or those whose name contains a filter; with no GPU driver, as root and
                                 with apt-get, first installs the software one (mesa-vulkan-drivers)
                                 --long adds the tests that take minutes (NEARFIELD_LONG=1)
-  check                         format, lints on every feature set, documentation, layering, paths, shaders
+  check [--before-tests]        format, lints on every feature set, documentation, paths, layering, shaders
+                                --before-tests leaves out layering and shaders, which `test` has too
   fuzz [--seconds N] [TARGET…]  fuzz every file reader, or those named, for N seconds each (default 60)
 
 NEARFIELD_REQUIRE_GPU=1 makes GPU tests fail where they would be skipped.";

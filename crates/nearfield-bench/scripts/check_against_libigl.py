@@ -13,7 +13,6 @@ Ends with 1 where something differs.
 
 import argparse
 import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -22,17 +21,12 @@ from pathlib import Path
 import igl
 import numpy as np
 
+from nearfield_command import run
+
 # Of the diagonal.
 DISTANCE = 1e-6
 # Winding numbers so near to one half have no side: the command sums in f64 by a tree, libigl exactly.
 UNDECIDED = 1e-3
-
-
-def run(command, *arguments):
-    done = subprocess.run([command, *map(str, arguments)], capture_output=True, text=True)
-    if done.returncode != 0:
-        sys.exit(f"{command} {' '.join(map(str, arguments))} ended with {done.returncode}: {done.stderr.strip()}")
-    return done.stdout
 
 
 def nodes_of(field):

@@ -17,7 +17,6 @@ Open3D's planes. Ends with 1 where something differs.
 """
 
 import argparse
-import subprocess
 import sys
 import tempfile
 import time
@@ -26,6 +25,8 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 
+from nearfield_command import run
+
 # Degrees, and the share of normals that may differ by more.
 ANGLE, MOST_APART = 0.1, 1e-3
 # Of the diagonal, and the share of signs that may differ.
@@ -33,13 +34,6 @@ DISTANCE, MOST_TURNED = 1e-5, 1e-3
 SAMPLES, NEAREST = 100_000, 24
 # Torus of radii 1 and 0.4 with 0.5 % noise; about 98 neighbours within Open3D's radius.
 TORUS_SAMPLES, TORUS_RADIUS = 100_000, 0.075
-
-
-def run(command, *arguments):
-    done = subprocess.run([command, *map(str, arguments)], capture_output=True, text=True)
-    if done.returncode != 0:
-        sys.exit(f"{command} {' '.join(map(str, arguments))} ended with {done.returncode}: {done.stderr.strip()}")
-    return done.stdout
 
 
 def world(cloud):

@@ -13,7 +13,6 @@ out of order, a wrong distance. Ends with 1 if there is one.
 
 import argparse
 import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -21,6 +20,8 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
+
+from nearfield_command import run
 
 # Distances from the radius within which f32 may decide either way, in ulp of the radius.
 BOUNDARY_ULP = 4
@@ -128,13 +129,6 @@ def self_test():
     if errors() or unfound:
         sys.exit(f"self-test failed: right answer {errors()}, not found {unfound}")
     print(f"self-test: {len(planted)} planted differences found, the right answer passes")
-
-
-def run(command, *arguments):
-    done = subprocess.run([command, *map(str, arguments)], capture_output=True, text=True)
-    if done.returncode != 0:
-        sys.exit(f"{command} {' '.join(map(str, arguments))} ended with {done.returncode}: {done.stderr.strip()}")
-    return done.stdout
 
 
 def world_points(command, file, folder, name):

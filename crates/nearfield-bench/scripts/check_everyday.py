@@ -190,14 +190,15 @@ def fewer(check, devices, eps, count):
     start = time.time()
     theirs = np.asarray(cloud.farthest_point_down_sample(count).points)
     seconds = time.time() - start
-    ours, told = check.ours("downsample", "farthest", "--count", count)
-    # Theirs come in the order of the file: compare how far every point is from the samples at most, and which they are.
-    ours = ours["points"].astype(np.float64)
-    common = int(np.sum(cKDTree(theirs).query(ours)[0] == 0))
-    cover = [float(cKDTree(samples).query(check.points)[0].max()) for samples in (ours, theirs)]
-    differ = 0 if abs(cover[0] - cover[1]) <= 1e-5 * cover[1] else count
-    words = f"{common} samples are the same, every point within {cover[0]:.6g} of ours and {cover[1]:.6g} of theirs"
-    check.tell(f"{count} farthest points, Open3D", told, differ, count, words, seconds)
+    for device in devices:
+        ours, told = check.ours("downsample", "farthest", "--count", count, "--device", device)
+        # Theirs come in the order of the file: compare how far every point is from the samples at most, and which they are.
+        ours = ours["points"].astype(np.float64)
+        common = int(np.sum(cKDTree(theirs).query(ours)[0] == 0))
+        cover = [float(cKDTree(samples).query(check.points)[0].max()) for samples in (ours, theirs)]
+        differ = 0 if abs(cover[0] - cover[1]) <= 1e-5 * cover[1] else count
+        words = f"{common} samples are the same, every point within {cover[0]:.6g} of ours and {cover[1]:.6g} of theirs"
+        check.tell(f"{count} farthest points, Open3D", told, differ, count, words, seconds)
 
 
 def main():

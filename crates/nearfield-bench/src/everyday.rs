@@ -6,8 +6,8 @@
 use nearfield::application::{
     Clusters, DbscanSettings, FarthestStart, OutlierRule, PoissonDiskSettings, RadiusOutlierSettings,
     StatisticalOutlierSettings, VoxelSettings, Watch, dbscan, dbscan_on_gpu, duplicates, duplicates_on_gpu,
-    farthest_points, poisson_disk, radius_outliers, radius_outliers_on_gpu, statistical_outliers,
-    statistical_outliers_on_gpu, voxel_downsample, voxel_downsample_on_gpu,
+    farthest_points, farthest_points_on_gpu, poisson_disk, radius_outliers, radius_outliers_on_gpu,
+    statistical_outliers, statistical_outliers_on_gpu, voxel_downsample, voxel_downsample_on_gpu,
 };
 use nearfield::gpu::{DeviceChoice, Gpu};
 use nearfield::query::{Clock, Stage};
@@ -171,6 +171,15 @@ impl Bench<'_> {
             || untimed(voxel_downsample_on_gpu(gpu, points, &voxels, &mut Watch::none())),
             |f| format!("{} cells", f.points.len()),
         )?;
+        let (count, start) = (1024.min(points.len()), FarthestStart::Index(0));
+        let there = self.row(
+            "farthest, 1,024",
+            || untimed(farthest_points_on_gpu(gpu, points, count, start, &mut Watch::none())),
+            |f| format!("{} points", f.indices.len()),
+        )?;
+        if there != farthest_points(&self.arrays, count, start, &mut Watch::none())? {
+            return Err(Error::from("the farthest points of the device are not those of the CPU".to_owned()));
+        }
         Ok(())
     }
 }

@@ -218,7 +218,8 @@ fn planted_measures() {
     assert!(sane(&Measures { momentum: DVec3::INFINITY, ..end }).is_err());
     assert!(sane(&Measures { outside: 1, ..end }).is_err());
     let (steps, seconds, mean_neighbors, rebuilds, iterations, density_error) = (10, 1.0, 3.0, 0, 0.0, 0.0);
-    let right = Timed { steps, seconds, mean_neighbors, rebuilds, iterations, density_error, end };
+    let particles = scene.particles.clone();
+    let right = Timed { steps, seconds, mean_neighbors, rebuilds, iterations, density_error, end, particles };
     close(&scene, &right, &right).expect("the same");
     let with = |end: Measures| Timed { end, ..right.clone() };
     // The domain has a side of 2: a centre may be elsewhere by 0.01.

@@ -17,8 +17,8 @@ use serde_json::{Map, Value, json};
 use crate::colormap::category;
 use crate::exit::Failure;
 use crate::input::file_name;
-use crate::options::{Common, PictureSize};
-use crate::picture::{self, Image, Scene, Up};
+use crate::options::{Common, Framing};
+use crate::picture::{self, Image, Scene};
 use crate::point_files::{Job, PointFiles, arrays, resolved, set_attribute};
 use crate::report::{DIGITS, grouped, milliseconds, short, stage_json};
 
@@ -56,13 +56,8 @@ struct Clustered {
     #[arg(long, value_name = "OUT.png")]
     picture: Option<PathBuf>,
 
-    /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "1600x1000", requires = "picture")]
-    picture_size: PictureSize,
-
-    /// The direction that is up in the picture [default: guessed from the shape]
-    #[arg(long, value_name = "AXIS", requires = "picture")]
-    up: Option<Up>,
+    #[command(flatten)]
+    framing: Framing<1600, 1000>,
 
     /// Where to compute: auto, cpu, gpu, gpu:N as `nearfield devices` counts, or part of a name
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
@@ -230,7 +225,7 @@ impl Clustered {
             colors: &colors,
             sizes: &[],
             focus: &[],
-            up: self.up.unwrap_or_else(|| picture::likely_up(extent, false)),
+            up: self.framing.up.unwrap_or_else(|| picture::likely_up(extent, false)),
             title: format!(
                 "{}: {} clusters of {} points",
                 file_name(&self.files.input),
@@ -241,6 +236,6 @@ impl Clustered {
             bar: None,
             swatches: vec![],
         };
-        picture::draw(&scene, self.picture_size)
+        picture::draw(&scene, self.framing.picture_size)
     }
 }

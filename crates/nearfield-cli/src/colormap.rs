@@ -25,6 +25,16 @@ pub(crate) fn green_to_red(t: f32) -> [u8; 3] {
     [red, 255 - red, 0]
 }
 
+/// A scale for fluids: deep blue over light blue to white. `t` in 0 … 1.
+pub(crate) fn water(t: f32) -> [u8; 3] {
+    const STOPS: [[f32; 3]; 5] =
+        [[22.0, 70.0, 160.0], [32.0, 112.0, 205.0], [68.0, 164.0, 232.0], [150.0, 212.0, 246.0], [250.0, 253.0, 255.0]];
+    let place = t.clamp(0.0, 1.0) * (STOPS.len() - 1) as f32;
+    let below = (place as usize).min(STOPS.len() - 2);
+    let part = place - below as f32;
+    [0, 1, 2].map(|c| (STOPS[below][c] * (1.0 - part) + STOPS[below + 1][c] * part).round() as u8)
+}
+
 /// A bright colour of its own for every number.
 pub(crate) fn distinct(number: u64) -> [u8; 3] {
     // The finaliser of SplitMix64: neighbouring numbers get unrelated hues.

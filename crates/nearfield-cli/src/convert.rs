@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use nearfield::io::{Format, WriteOptions, write_cloud, write_mesh};
+use nearfield::io::{WriteOptions, write_cloud, write_mesh};
 
 use crate::exit::Failure;
 use crate::input::Input;
-use crate::options::Common;
+use crate::options::{Common, Formats};
 use crate::output;
 use crate::progress::Progress;
 use crate::report::grouped;
@@ -26,17 +26,8 @@ pub(crate) struct ConvertArgs {
     /// The file to write, or - for standard output
     output: PathBuf,
 
-    /// Format of the input, where its extension does not say it
-    #[arg(long, value_name = "F")]
-    format: Option<Format>,
-
-    /// Format of the output, where its extension does not say it
-    #[arg(long, value_name = "F")]
-    to: Option<Format>,
-
-    /// Write PLY as text
-    #[arg(long)]
-    ascii: bool,
+    #[command(flatten)]
+    formats: Formats,
 
     /// Drop points with NaN or infinite coordinates (point clouds only)
     #[arg(long)]
@@ -52,15 +43,15 @@ pub(crate) struct ConvertArgs {
 }
 
 pub(crate) fn run(args: &ConvertArgs, common: &Common) -> Result<(), Failure> {
-    let to = output::format(&args.output, args.to)?;
+    let to = output::format(&args.output, args.formats.to)?;
     let info = to.info();
     if !info.writes_cloud && !info.writes_mesh {
         return Err(Failure::Usage(format!("{to} is read, not written; `nearfield formats` lists what is")));
     }
     output::check(&args.output, args.force)?;
     let progress = Progress::start(common, format!("reading {}", args.input.display()));
-    let input = Input::open(&args.input, args.format, common)?;
-    let options = WriteOptions { format: Some(to), force: args.force, ascii: args.ascii };
+    let input = Input::open(&args.input, args.formats.format, common)?;
+    let options = WriteOptions { format: Some(to), force: args.force, ascii: args.formats.ascii };
     let mesh = if args.points_only || args.drop_invalid { None } else { input.mesh()? };
     let written = match mesh {
         Some(mesh) if info.writes_mesh => {

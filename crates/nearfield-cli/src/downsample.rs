@@ -3,7 +3,7 @@
 use clap::{Args, Subcommand, ValueEnum};
 use nearfield::application::{
     Extent, FarthestStart, Length, PoissonDiskSettings, VoxelOrigin, VoxelPoint, VoxelSettings, Voxels,
-    farthest_points, poisson_disk, voxel_downsample, voxel_downsample_on_gpu,
+    farthest_points, farthest_points_on_gpu, poisson_disk, voxel_downsample, voxel_downsample_on_gpu,
 };
 use nearfield::gpu::DeviceChoice;
 use nearfield::{PointCloud, Vec3};
@@ -116,6 +116,10 @@ struct FarthestArgs {
     /// Take the first one at random, by this seed
     #[arg(long, value_name = "SEED")]
     seed: Option<u64>,
+
+    /// Where to compute: auto, cpu, gpu, gpu:N as `nearfield devices` counts, or part of a name
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
+    device: DeviceChoice,
 }
 
 /// What was made of the cloud.
@@ -235,7 +239,11 @@ impl PoissonArgs {
 impl FarthestArgs {
     fn make(&self, cloud: &PointCloud, job: &mut Job<'_>) -> Result<Made, Failure> {
         let start = self.seed.map_or(FarthestStart::Index(self.start.unwrap_or(0)), FarthestStart::Seed);
-        let samples = job.on_cpu(|watch| farthest_points(&arrays(&cloud.points), self.count.0, start, watch))?;
+        let samples = job.on_device(
+            &self.device,
+            |gpu, watch| farthest_points_on_gpu(gpu, &cloud.points, self.count.0, start, watch),
+            |watch| farthest_points(&arrays(&cloud.points), self.count.0, start, watch),
+        )?;
         let last = samples.distances.last().copied().filter(|distance| distance.is_finite());
         let told = last.map_or("none".to_owned(), |distance| short(distance, DIGITS));
         Ok(Made {

@@ -21,6 +21,8 @@ pub(crate) enum Failure {
     Search(Error),
     /// Answers that must be equal differ.
     Disagreement(String),
+    /// A simulation has left what can be simulated; what there was is written.
+    BlowUp(String),
     /// The user ended the work; what there was is written.
     Interrupted(String),
     /// The reader of our standard output had enough.
@@ -50,7 +52,7 @@ impl Failure {
     /// The line for the user, without its prefix; `None` where there is nobody to tell.
     pub(crate) fn message(&self) -> Option<String> {
         let text = match self {
-            Self::Usage(text) | Self::Disagreement(text) | Self::Interrupted(text) => text.clone(),
+            Self::Usage(text) | Self::Disagreement(text) | Self::BlowUp(text) | Self::Interrupted(text) => text.clone(),
             // These two name their file themselves.
             Self::Read(_, error @ (Error::Io { .. } | Error::File(_))) => error.to_string(),
             Self::Read(path, error) => format!("{}: {error}", shown(path)),
@@ -66,6 +68,7 @@ impl Failure {
         match self {
             Self::ClosedPipe => 0,
             Self::Usage(_) => 2,
+            Self::BlowUp(_) => 65,
             Self::Disagreement(_) => 70,
             Self::Interrupted(_) => 130,
             Self::Read(_, Error::Io { source, .. }) => match source.kind() {

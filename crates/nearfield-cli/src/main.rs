@@ -51,6 +51,12 @@ mod resample_work;
 mod sample;
 mod sdf;
 mod sdf_picture;
+mod simulate;
+mod simulate_folder;
+mod simulate_measures;
+mod simulate_picture;
+mod simulate_report;
+mod simulate_scene;
 mod smooth;
 mod smooth_picture;
 mod smooth_report;
@@ -58,6 +64,7 @@ mod sort;
 mod sort_picture;
 mod spacing;
 mod surface;
+mod surface_of_particles;
 mod surface_picture;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -104,6 +111,8 @@ enum Verb {
     Generate(generate::GenerateArgs),
     Sample(sample::SampleArgs),
     Sdf(Box<sdf::SdfArgs>),
+    Simulate(Box<simulate::SimulateArgs>),
+    Surface(Box<surface_of_particles::SurfaceOfParticlesArgs>),
     Smooth(Box<smooth::SmoothArgs>),
     Resample(Box<resample::ResampleArgs>),
     Filter(Box<filter::FilterArgs>),
@@ -178,6 +187,8 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
         Verb::Generate(args) => generate::run(args, common),
         Verb::Sample(args) => sample::run(args, common),
         Verb::Sdf(args) => sdf::run(args, common),
+        Verb::Simulate(args) => simulate::run(args, common),
+        Verb::Surface(args) => surface_of_particles::run(args, common),
         Verb::Smooth(args) => smooth::run(args, common),
         Verb::Resample(args) => resample::run(args, common),
         Verb::Filter(args) => filter::run(args, common),
@@ -193,7 +204,7 @@ fn dispatch(arguments: &Arguments) -> Result<(), Failure> {
 /// What is wrong with the command line, in one line.
 fn usage_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, sdf, info, normals, smooth, resample, filter, \
+        return "say what to do: demo, neighbors, octree, heatmap, raycast, render, simulate, surface, sdf, info, normals, smooth, resample, filter, \
                 downsample, cluster, mesh, offset, convert, generate, sample, sort, devices, formats or completions; \
                 `nearfield --help` explains"
             .to_owned();

@@ -17,8 +17,7 @@ use crate::input::{self, Input, file_name, searchable};
 use crate::lists::{self, ListFormat};
 use crate::neighbors_answer::{Answer, Question, row_of};
 use crate::neighbors_picture;
-use crate::options::{Common, Length, PictureSize, period};
-use crate::picture::Up;
+use crate::options::{Common, Framing, Length, period};
 use crate::progress::Progress;
 use crate::report::{self, DIGITS, KnnSummary, SearchSummary, Times, milliseconds, short};
 
@@ -99,13 +98,8 @@ pub(crate) struct NeighborsArgs {
     #[arg(long, value_name = "WHAT", requires = "picture", verbatim_doc_comment)]
     color: Option<Color>,
 
-    /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "1600x1000", requires = "picture")]
-    picture_size: PictureSize,
-
-    /// The direction that is up in the picture [default: guessed from the shape]
-    #[arg(long, value_name = "AXIS", requires = "picture")]
-    up: Option<Up>,
+    #[command(flatten)]
+    framing: Framing<1600, 1000>,
 
     /// Print the summary as one JSON object
     #[arg(long)]
@@ -253,8 +247,8 @@ pub(crate) fn run(args: &NeighborsArgs, common: &Common) -> Result<(), Failure> 
             kth: args.knn.zip(answer.kth.as_deref()),
             shown_row,
         };
-        let up = args.up.unwrap_or_else(|| neighbors_picture::guess_up(&found, &args.input, args.format));
-        let image = neighbors_picture::draw(&found, color, up, args.picture_size);
+        let up = args.framing.up.unwrap_or_else(|| neighbors_picture::guess_up(&found, &args.input, args.format));
+        let image = neighbors_picture::draw(&found, color, up, args.framing.picture_size);
         nearfield::io::write_atomically(path, args.force, |w| image.write_png(w)).map_err(Failure::writing)?;
         times.picture = milliseconds(clock);
     }

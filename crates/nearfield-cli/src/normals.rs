@@ -20,9 +20,9 @@ use crate::exit::Failure;
 use crate::fallback::on_gpu;
 use crate::input::{Input, file_name, searchable};
 use crate::interrupt;
-use crate::options::{Common, PictureSize, place};
+use crate::options::{Common, Framing, SummaryOptions, place};
 use crate::output;
-use crate::picture::{self, Image, Scene, Up};
+use crate::picture::{self, Image, Scene};
 use crate::progress::Progress;
 use crate::report::{Times, grouped, milliseconds, print, print_json, rounded, shown_ms};
 
@@ -83,37 +83,11 @@ pub(crate) struct NormalsArgs {
     #[arg(long, value_name = "OUT.png")]
     picture: Option<PathBuf>,
 
-    /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "1600x1000", requires = "picture")]
-    picture_size: PictureSize,
+    #[command(flatten)]
+    framing: Framing<1600, 1000>,
 
-    /// The direction that is up in the picture [default: guessed from the shape]
-    #[arg(long, value_name = "AXIS", requires = "picture")]
-    up: Option<Up>,
-
-    /// Drop points with NaN or infinite coordinates instead of refusing the file
-    #[arg(long)]
-    drop_invalid: bool,
-
-    /// Print the summary as one JSON object
-    #[arg(long)]
-    json: bool,
-
-    /// Format of the input, where its extension does not say it
-    #[arg(long, value_name = "F")]
-    format: Option<Format>,
-
-    /// Format of the output, where its extension does not say it
-    #[arg(long, value_name = "F", requires = "output")]
-    to: Option<Format>,
-
-    /// Write PLY as text
-    #[arg(long, requires = "output")]
-    ascii: bool,
-
-    /// Replace files that exist
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    files: SummaryOptions,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -194,12 +168,12 @@ pub(crate) fn run(args: &NormalsArgs, common: &Common) -> Result<(), Failure> {
     let (mut notes, mut times) = (vec![], Times::default());
     let progress = Progress::start(common, format!("reading {}", args.input.display()));
     let clock = Instant::now();
-    let input = Input::open(&args.input, args.format, common)?;
+    let input = Input::open(&args.input, args.files.format, common)?;
     if let (Some(_), Some(mesh)) = (to, input.mesh()?) {
         let triangles = grouped(mesh.triangles.len() as u64);
         notes.push(format!("{triangles} triangles are left out, normals are of the vertices as points"));
     }
-    let mut cloud = searchable(input.cloud()?, &args.input, args.drop_invalid, &mut notes)?;
+    let mut cloud = searchable(input.cloud()?, &args.input, args.files.drop_invalid, &mut notes)?;
     drop(input);
     times.read = milliseconds(clock);
     // The tree, positions, and what is found.
@@ -251,7 +225,8 @@ impl NormalsArgs {
     /// Says what cannot work before the work is done; the format of the output, where there is one.
     fn check_outputs(&self) -> Result<Option<Format>, Failure> {
         let stdout = |path: &Option<PathBuf>| path.as_deref() == Some(Path::new("-"));
-        let to_stdout = usize::from(self.json) + usize::from(stdout(&self.output)) + usize::from(stdout(&self.picture));
+        let to_stdout =
+            usize::from(self.files.json) + usize::from(stdout(&self.output)) + usize::from(stdout(&self.picture));
         if to_stdout > 1 {
             return Err(Failure::Usage(
                 "only one of --json, --output - and --picture - can have standard output".into(),
@@ -262,12 +237,12 @@ impl NormalsArgs {
         {
             return Err(Failure::Usage(format!("--picture {}: pictures are written as .png", path.display())));
         }
-        let to = self.output.as_deref().map(|path| output::format(path, self.to)).transpose()?;
+        let to = self.output.as_deref().map(|path| output::format(path, self.files.to)).transpose()?;
         if let Some(to) = to.filter(|to| !to.info().writes_cloud) {
             return Err(Failure::Usage(format!("{to} is not written for points; `nearfield formats` lists what is")));
         }
         for path in [&self.output, &self.picture].into_iter().flatten() {
-            output::check(path, self.force)?;
+            output::check(path, self.files.force)?;
         }
         Ok(to)
     }
@@ -344,7 +319,7 @@ impl NormalsArgs {
         let clock = Instant::now();
         if let (Some(path), Some(format)) = (&self.output, to) {
             progress.step(format!("writing {}", path.display()));
-            let options = WriteOptions { format: Some(format), force: self.force, ascii: self.ascii };
+            let options = WriteOptions { format: Some(format), force: self.files.force, ascii: self.files.ascii };
             write_cloud(path, cloud, &options).map_err(Failure::writing)?;
             made.times.write = milliseconds(clock);
         }
@@ -352,14 +327,14 @@ impl NormalsArgs {
         if let Some(path) = &self.picture {
             progress.step(format!("drawing {}", path.display()));
             let image = self.draw(cloud, made);
-            write_atomically(path, self.force, |w| image.write_png(w)).map_err(Failure::writing)?;
+            write_atomically(path, self.files.force, |w| image.write_png(w)).map_err(Failure::writing)?;
             made.times.picture = milliseconds(clock);
         }
         Ok(())
     }
 
     fn draw(&self, cloud: &PointCloud, made: &Made) -> Image {
-        let format = self.format.or_else(|| Format::from_path(&self.input).ok());
+        let format = self.files.format.or_else(|| Format::from_path(&self.input).ok());
         let modelling = matches!(format, Some(Format::Obj | Format::Ply));
         let colors: Vec<[u8; 3]> = made.normals.vectors.iter().map(|&normal| color(normal)).collect();
         let scene = Scene {
@@ -367,13 +342,13 @@ impl NormalsArgs {
             colors: &colors,
             sizes: &[],
             focus: &[],
-            up: self.up.unwrap_or_else(|| picture::likely_up(cloud.bounds().extent(), modelling)),
+            up: self.framing.up.unwrap_or_else(|| picture::likely_up(cloud.bounds().extent(), modelling)),
             title: format!("{}: normals of {} points", file_name(&self.input), grouped(cloud.len() as u64)),
             subtitle: format!("red, green and blue grow along x, y and z; {}", self.words(made)),
             bar: None,
             swatches: vec![],
         };
-        picture::draw(&scene, self.picture_size)
+        picture::draw(&scene, self.framing.picture_size)
     }
 
     /// How normals were turned, in words.
@@ -394,7 +369,7 @@ impl NormalsArgs {
         let without = (0..made.normals.len()).filter(|&i| !made.normals.has(i)).count() as u64;
         let method = self.settings().method;
         let method = if method == NormalMethod::Jet { "jet" } else { "pca" };
-        if self.json {
+        if self.files.json {
             let mut object = json!({
                 "points": points,
                 "method": method,

@@ -1,12 +1,15 @@
 //! Options that several subcommands share, and the values they take.
 
+use std::fmt;
 use std::num::NonZeroUsize;
 use std::str::FromStr;
 
 use nearfield::geometry::Period;
+use nearfield::io::Format;
 use nearfield::{Aabb, DVec3, Vec3};
 
 use crate::exit::Failure;
+use crate::picture::Up;
 
 /// Options of every subcommand.
 #[derive(Debug, Clone, clap::Args)]
@@ -173,6 +176,12 @@ pub(crate) struct PictureSize {
     pub(crate) height: u32,
 }
 
+impl fmt::Display for PictureSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{}", self.width, self.height)
+    }
+}
+
 impl FromStr for PictureSize {
     type Err = String;
 
@@ -182,6 +191,81 @@ impl FromStr for PictureSize {
         let (width, height) = sides.ok_or("expected WIDTHxHEIGHT, each 200 to 8000, such as 1600x1000")?;
         Ok(Self { width, height })
     }
+}
+
+/// How a picture is drawn, of commands that draw one with `--picture`; its size where none is given.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub(crate) struct Framing<const WIDTH: u32, const HEIGHT: u32> {
+    /// Width and height of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value_t = PictureSize { width: WIDTH, height: HEIGHT }, requires = "picture")]
+    pub(crate) picture_size: PictureSize,
+
+    /// The direction that is up in the picture [default: guessed from the shape]
+    #[arg(long, value_name = "AXIS", requires = "picture")]
+    pub(crate) up: Option<Up>,
+}
+
+/// Formats of what is read and of the cloud that is written.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub(crate) struct Formats {
+    /// Format of the input, where its extension does not say it
+    #[arg(long, value_name = "F")]
+    pub(crate) format: Option<Format>,
+
+    /// Format of the output, where its extension does not say it
+    #[arg(long, value_name = "F")]
+    pub(crate) to: Option<Format>,
+
+    /// Write PLY as text
+    #[arg(long)]
+    pub(crate) ascii: bool,
+}
+
+/// Options of commands that write a cloud made of another.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub(crate) struct CloudOptions {
+    /// Drop points with NaN or infinite coordinates instead of refusing the file
+    #[arg(long)]
+    pub(crate) drop_invalid: bool,
+
+    /// Print everything as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    #[command(flatten)]
+    pub(crate) formats: Formats,
+
+    /// Replace files that exist
+    #[arg(long)]
+    pub(crate) force: bool,
+}
+
+/// Options of commands that sum up what they found in a cloud, and write one where that is asked for with `--output`.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub(crate) struct SummaryOptions {
+    /// Drop points with NaN or infinite coordinates instead of refusing the file
+    #[arg(long)]
+    pub(crate) drop_invalid: bool,
+
+    /// Print the summary as one JSON object
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    /// Format of the input, where its extension does not say it
+    #[arg(long, value_name = "F")]
+    pub(crate) format: Option<Format>,
+
+    /// Format of the output, where its extension does not say it
+    #[arg(long, value_name = "F", requires = "output")]
+    pub(crate) to: Option<Format>,
+
+    /// Write PLY as text
+    #[arg(long, requires = "output")]
+    pub(crate) ascii: bool,
+
+    /// Replace files that exist
+    #[arg(long)]
+    pub(crate) force: bool,
 }
 
 #[cfg(test)]
@@ -233,6 +317,7 @@ mod tests {
     #[test]
     fn picture_sizes_have_limits() {
         assert_eq!("640x480".parse(), Ok(PictureSize { width: 640, height: 480 }));
+        assert_eq!(PictureSize { width: 640, height: 480 }.to_string(), "640x480");
         assert!("640".parse::<PictureSize>().is_err() && "0x9".parse::<PictureSize>().is_err());
     }
 }

@@ -12,9 +12,8 @@ use nearfield::{AabbTreeN, AabbTreeNSettings, GpuWlop, PointCloud, Vec3, Wlop};
 use crate::exit::{Failure, shown};
 use crate::fallback;
 use crate::input::{Input, file_name, searchable};
-use crate::options::{Common, PictureSize};
+use crate::options::{CloudOptions, Common, Framing};
 use crate::output;
-use crate::picture::Up;
 use crate::progress::Progress;
 use crate::report::{Times, grouped, milliseconds};
 use crate::resample_report::Told;
@@ -87,37 +86,11 @@ pub(crate) struct ResampleArgs {
     #[arg(long, value_name = "OUT.png")]
     picture: Option<PathBuf>,
 
-    /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "1600x900", requires = "picture")]
-    picture_size: PictureSize,
+    #[command(flatten)]
+    framing: Framing<1600, 900>,
 
-    /// The direction that is up in the picture [default: guessed from the shape]
-    #[arg(long, value_name = "AXIS", requires = "picture")]
-    up: Option<Up>,
-
-    /// Drop points with NaN or infinite coordinates instead of refusing the file
-    #[arg(long)]
-    drop_invalid: bool,
-
-    /// Print everything as one JSON object
-    #[arg(long)]
-    pub(crate) json: bool,
-
-    /// Format of the input, where its extension does not say it
-    #[arg(long, value_name = "F")]
-    format: Option<Format>,
-
-    /// Format of the output, where its extension does not say it
-    #[arg(long, value_name = "F")]
-    to: Option<Format>,
-
-    /// Write PLY as text
-    #[arg(long)]
-    ascii: bool,
-
-    /// Replace files that exist
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    pub(crate) files: CloudOptions,
 }
 
 /// The variants by name.
@@ -176,7 +149,7 @@ pub(crate) fn run(args: &ResampleArgs, common: &Common) -> Result<(), Failure> {
 
     let clock = Instant::now();
     let resampled = output_cloud(&cloud, &done.samples);
-    let options = WriteOptions { format: Some(to), force: args.force, ascii: args.ascii };
+    let options = WriteOptions { format: Some(to), force: args.files.force, ascii: args.files.formats.ascii };
     write_cloud(&args.output, &resampled, &options).map_err(Failure::writing)?;
     times.write = milliseconds(clock);
     let told = Told {
@@ -214,7 +187,7 @@ impl ResampleArgs {
     /// Says what cannot work before the work is done; the format of the output.
     fn check(&self) -> Result<Format, Failure> {
         let stdout = |path: &Path| path == Path::new("-");
-        let on_stdout = [self.json, stdout(&self.output), self.picture.as_deref().is_some_and(stdout)];
+        let on_stdout = [self.files.json, stdout(&self.output), self.picture.as_deref().is_some_and(stdout)];
         if on_stdout.iter().filter(|uses| **uses).count() > 1 {
             return Err(Failure::Usage(
                 "only one of --json, --output - and --picture - can have standard output".into(),
@@ -225,12 +198,12 @@ impl ResampleArgs {
         {
             return Err(Failure::Usage(format!("--picture {}: pictures are written as .png", path.display())));
         }
-        let to = output::format(&self.output, self.to)?;
+        let to = output::format(&self.output, self.files.formats.to)?;
         if !to.info().writes_cloud {
             return Err(Failure::Usage(format!("{to} is not written for points; `nearfield formats` lists what is")));
         }
-        output::check(&self.output, self.force)?;
-        self.picture.as_deref().map_or(Ok(()), |path| output::check(path, self.force))?;
+        output::check(&self.output, self.files.force)?;
+        self.picture.as_deref().map_or(Ok(()), |path| output::check(path, self.files.force))?;
         Ok(to)
     }
 
@@ -257,12 +230,12 @@ impl ResampleArgs {
 
     /// The cloud, with normals where they are needed.
     fn read(&self, common: &Common, notes: &mut Vec<String>) -> Result<PointCloud, Failure> {
-        let input = Input::open(&self.input, self.format, common)?;
+        let input = Input::open(&self.input, self.files.formats.format, common)?;
         if let Some(mesh) = input.mesh()? {
             let triangles = grouped(mesh.triangles.len() as u64);
             notes.push(format!("{triangles} triangles are left out, the vertices are resampled"));
         }
-        let cloud = searchable(input.cloud()?, &self.input, self.drop_invalid, notes)?;
+        let cloud = searchable(input.cloud()?, &self.input, self.files.drop_invalid, notes)?;
         if cloud.normals.is_none() && self.snap == Some(SnapTo::Apss) {
             let file = shown(&self.input);
             return Err(Failure::Usage(format!(
@@ -314,10 +287,10 @@ impl ResampleArgs {
             before: &cloud.points,
             after: &resampled.points,
             words: words.to_owned(),
-            up: self.up,
+            up: self.framing.up,
         };
-        let image = smooth_picture::draw(&shown, self.picture_size).map_err(Failure::Search)?;
-        write_atomically(path, self.force, |w| image.write_png(w)).map_err(Failure::writing)?;
+        let image = smooth_picture::draw(&shown, self.framing.picture_size).map_err(Failure::Search)?;
+        write_atomically(path, self.files.force, |w| image.write_png(w)).map_err(Failure::writing)?;
         Ok(milliseconds(clock))
     }
 }

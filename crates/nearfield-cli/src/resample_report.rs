@@ -39,7 +39,7 @@ impl Told<'_> {
     }
 
     pub(crate) fn tell(&self, common: &Common) -> Result<(), Failure> {
-        if self.args.json {
+        if self.args.files.json {
             return print_json(&self.json());
         }
         if common.quiet {

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use nearfield::geometry::generate::{add_noise, surface_samples};
-use nearfield::io::{Format, Polygons, WriteOptions, write_cloud};
+use nearfield::io::{Polygons, WriteOptions, write_cloud};
 use nearfield::{Error, PointCloud};
 
 use crate::exit::Failure;
 use crate::generate::fits;
 use crate::input::Input;
-use crate::options::{Amount, Common, Length, deviation};
+use crate::options::{Amount, Common, Formats, Length, deviation};
 use crate::output;
 use crate::progress::Progress;
 use crate::report::grouped;
@@ -47,17 +47,8 @@ pub(crate) struct SampleArgs {
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 
-    /// Format of the input, where its extension does not say it
-    #[arg(long, value_name = "F")]
-    format: Option<Format>,
-
-    /// Format of the output, where its extension does not say it
-    #[arg(long, value_name = "F")]
-    to: Option<Format>,
-
-    /// Write PLY as text
-    #[arg(long)]
-    ascii: bool,
+    #[command(flatten)]
+    formats: Formats,
 
     /// Replace a file that exists
     #[arg(long)]
@@ -68,7 +59,7 @@ pub(crate) struct SampleArgs {
 const POINT_BYTES: u64 = 24;
 
 pub(crate) fn run(args: &SampleArgs, common: &Common) -> Result<(), Failure> {
-    let to = output::format(&args.output, args.to)?;
+    let to = output::format(&args.output, args.formats.to)?;
     if !to.info().writes_cloud {
         return Err(Failure::Usage(format!("{to} is read, not written; `nearfield formats` lists what is")));
     }
@@ -76,7 +67,7 @@ pub(crate) fn run(args: &SampleArgs, common: &Common) -> Result<(), Failure> {
     let (n, noise) = (args.n.0, args.noise.map(deviation).transpose()?);
     fits("the samples", n, POINT_BYTES, common)?;
     let progress = Progress::start(common, format!("reading {}", args.input.display()));
-    let mesh = Input::open(&args.input, args.format, common)?.surface(Polygons::Fans)?;
+    let mesh = Input::open(&args.input, args.formats.format, common)?.surface(Polygons::Fans)?;
     progress.step("sampling");
     let mut cloud = surface_samples(&mesh, n, args.seed);
     if cloud.len() < n {
@@ -88,7 +79,7 @@ pub(crate) fn run(args: &SampleArgs, common: &Common) -> Result<(), Failure> {
     add_noise(&mut cloud.points, sigma.into(), args.seed);
     let cloud = PointCloud { normals: cloud.normals.filter(|_| args.normals), ..cloud };
     progress.step(format!("writing {}", args.output.display()));
-    let options = WriteOptions { format: Some(to), force: args.force, ascii: args.ascii };
+    let options = WriteOptions { format: Some(to), force: args.force, ascii: args.formats.ascii };
     write_cloud(&args.output, &cloud, &options).map_err(Failure::writing)?;
     drop(progress);
     let (points, triangles) = (grouped(cloud.len() as u64), grouped(mesh.triangles.len() as u64));

@@ -19,9 +19,8 @@ use crate::exit::Failure;
 use crate::fallback;
 use crate::input::{Input, file_name, searchable};
 use crate::interrupt;
-use crate::options::{Common, PictureSize};
+use crate::options::{CloudOptions, Common, Framing};
 use crate::output;
-use crate::picture::Up;
 use crate::progress::{CountBar, Progress};
 use crate::report::{Times, grouped, milliseconds};
 use crate::smooth_picture::{self, Smoothed};
@@ -88,37 +87,11 @@ pub(crate) struct SmoothArgs {
     #[arg(long, value_name = "OUT.png")]
     picture: Option<PathBuf>,
 
-    /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "1600x900", requires = "picture")]
-    picture_size: PictureSize,
+    #[command(flatten)]
+    framing: Framing<1600, 900>,
 
-    /// The direction that is up in the picture [default: guessed from the shape]
-    #[arg(long, value_name = "AXIS", requires = "picture")]
-    up: Option<Up>,
-
-    /// Drop points with NaN or infinite coordinates instead of refusing the file
-    #[arg(long)]
-    drop_invalid: bool,
-
-    /// Print everything as one JSON object
-    #[arg(long)]
-    pub(crate) json: bool,
-
-    /// Format of the input, where its extension does not say it
-    #[arg(long, value_name = "F")]
-    format: Option<Format>,
-
-    /// Format of the output, where its extension does not say it
-    #[arg(long, value_name = "F")]
-    to: Option<Format>,
-
-    /// Write PLY as text
-    #[arg(long)]
-    ascii: bool,
-
-    /// Replace files that exist
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    pub(crate) files: CloudOptions,
 }
 
 /// The surfaces by name.
@@ -269,7 +242,7 @@ pub(crate) fn run(args: &SmoothArgs, common: &Common) -> Result<(), Failure> {
 
     let smoothed = after(&cloud, &done.points);
     let clock = Instant::now();
-    let options = WriteOptions { format: Some(to), force: args.force, ascii: args.ascii };
+    let options = WriteOptions { format: Some(to), force: args.files.force, ascii: args.files.formats.ascii };
     write_cloud(&args.output, &smoothed, &options).map_err(Failure::writing)?;
     times.write = milliseconds(clock);
     if let Some(path) = &args.picture {
@@ -279,10 +252,10 @@ pub(crate) fn run(args: &SmoothArgs, common: &Common) -> Result<(), Failure> {
             before: &cloud.points,
             after: &smoothed.points,
             words: smooth_report::subtitle(args, &done.reports),
-            up: args.up,
+            up: args.framing.up,
         };
-        let image = smooth_picture::draw(&shown, args.picture_size).map_err(Failure::Search)?;
-        write_atomically(path, args.force, |w| image.write_png(w)).map_err(Failure::writing)?;
+        let image = smooth_picture::draw(&shown, args.framing.picture_size).map_err(Failure::Search)?;
+        write_atomically(path, args.files.force, |w| image.write_png(w)).map_err(Failure::writing)?;
         times.picture = milliseconds(clock);
     }
     let told = Told { args, support, points: cloud.len() as u64, reports: &done.reports, device, times, notes };
@@ -302,7 +275,7 @@ impl SmoothArgs {
     /// Says what cannot work before the work is done; the format of the output.
     fn check(&self) -> Result<Format, Failure> {
         let stdout = |path: &Path| path == Path::new("-");
-        let on_stdout = [self.json, stdout(&self.output), self.picture.as_deref().is_some_and(stdout)];
+        let on_stdout = [self.files.json, stdout(&self.output), self.picture.as_deref().is_some_and(stdout)];
         if on_stdout.iter().filter(|uses| **uses).count() > 1 {
             return Err(Failure::Usage(
                 "only one of --json, --output - and --picture - can have standard output".into(),
@@ -313,12 +286,12 @@ impl SmoothArgs {
         {
             return Err(Failure::Usage(format!("--picture {}: pictures are written as .png", path.display())));
         }
-        let to = output::format(&self.output, self.to)?;
+        let to = output::format(&self.output, self.files.formats.to)?;
         if !to.info().writes_cloud {
             return Err(Failure::Usage(format!("{to} is not written for points; `nearfield formats` lists what is")));
         }
-        output::check(&self.output, self.force)?;
-        self.picture.as_deref().map_or(Ok(()), |path| output::check(path, self.force))?;
+        output::check(&self.output, self.files.force)?;
+        self.picture.as_deref().map_or(Ok(()), |path| output::check(path, self.files.force))?;
         Ok(to)
     }
 
@@ -346,12 +319,12 @@ impl SmoothArgs {
 
     /// The cloud, with normals where the method needs them.
     fn read(&self, settings: &MlsSettings, common: &Common, notes: &mut Vec<String>) -> Result<PointCloud, Failure> {
-        let input = Input::open(&self.input, self.format, common)?;
+        let input = Input::open(&self.input, self.files.formats.format, common)?;
         if let Some(mesh) = input.mesh()? {
             let triangles = grouped(mesh.triangles.len() as u64);
             notes.push(format!("{triangles} triangles are left out, the vertices are smoothed"));
         }
-        let cloud = searchable(input.cloud()?, &self.input, self.drop_invalid, notes)?;
+        let cloud = searchable(input.cloud()?, &self.input, self.files.drop_invalid, notes)?;
         if cloud.normals.is_none() && settings.method.needs_normals() {
             let name = settings.method.name();
             let file = crate::exit::shown(&self.input);

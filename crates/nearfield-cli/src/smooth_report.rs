@@ -48,7 +48,7 @@ fn percent(share: Option<f64>) -> String {
 
 impl Told<'_> {
     pub(crate) fn tell(&self, common: &Common, to_stderr: bool) -> Result<(), Failure> {
-        if self.args.json {
+        if self.args.files.json {
             return print_json(&self.json());
         }
         if common.quiet {

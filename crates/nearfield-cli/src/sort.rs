@@ -12,7 +12,7 @@ use serde_json::json;
 use crate::exit::Failure;
 use crate::info;
 use crate::input::{Input, searchable};
-use crate::options::{Common, PictureSize};
+use crate::options::{Common, PictureSize, SummaryOptions};
 use crate::output;
 use crate::picture::Up;
 use crate::progress::Progress;
@@ -52,41 +52,20 @@ pub(crate) struct SortArgs {
     #[arg(long, value_name = "AXIS", requires = "picture")]
     up: Option<Up>,
 
-    /// Drop points with NaN or infinite coordinates instead of refusing the file
-    #[arg(long)]
-    drop_invalid: bool,
-
-    /// Print the summary as one JSON object
-    #[arg(long)]
-    json: bool,
-
-    /// Format of the input, where its extension does not say it
-    #[arg(long, value_name = "F")]
-    format: Option<Format>,
-
-    /// Format of the output, where its extension does not say it
-    #[arg(long, value_name = "F", requires = "output")]
-    to: Option<Format>,
-
-    /// Write PLY as text
-    #[arg(long, requires = "output")]
-    ascii: bool,
-
-    /// Replace files that exist
-    #[arg(long)]
-    force: bool,
+    #[command(flatten)]
+    files: SummaryOptions,
 }
 
 pub(crate) fn run(args: &SortArgs, common: &Common) -> Result<(), Failure> {
     let to = args.check_outputs()?;
     let mut notes = vec![];
     let progress = Progress::start(common, format!("reading {}", args.input.display()));
-    let input = Input::open(&args.input, args.format, common)?;
+    let input = Input::open(&args.input, args.files.format, common)?;
     if let (Some(_), Some(mesh)) = (to, input.mesh()?) {
         let triangles = grouped(mesh.triangles.len() as u64);
         notes.push(format!("{triangles} triangles are left out, the vertices are sorted"));
     }
-    let cloud = searchable(input.cloud()?, &args.input, args.drop_invalid, &mut notes)?;
+    let cloud = searchable(input.cloud()?, &args.input, args.files.drop_invalid, &mut notes)?;
     // Keys, indices and the sort's second copy of both.
     common.allow("the order of the points", 24 * cloud.len() as u64).map_err(Failure::Search)?;
 
@@ -105,7 +84,7 @@ pub(crate) fn run(args: &SortArgs, common: &Common) -> Result<(), Failure> {
 
     if let (Some(path), Some(format)) = (&args.output, to) {
         progress.step(format!("writing {}", path.display()));
-        let options = WriteOptions { format: Some(format), force: args.force, ascii: args.ascii };
+        let options = WriteOptions { format: Some(format), force: args.files.force, ascii: args.files.ascii };
         write_cloud(path, &sorted, &options).map_err(Failure::writing)?;
     }
     if let Some(path) = &args.picture {
@@ -113,7 +92,7 @@ pub(crate) fn run(args: &SortArgs, common: &Common) -> Result<(), Failure> {
         let name = args.input.file_name().unwrap_or(args.input.as_os_str()).to_string_lossy().into_owned();
         let shown = Sorted { name, curve: args.curve, domain, points: &sorted.points, jumps, up: args.up };
         let image = sort_picture::draw(&shown, args.picture_size);
-        write_atomically(path, args.force, |w| image.write_png(w)).map_err(Failure::writing)?;
+        write_atomically(path, args.files.force, |w| image.write_png(w)).map_err(Failure::writing)?;
     }
     drop(progress);
     let dimensions = if plane.is_some() { 2 } else { 3 };
@@ -134,7 +113,8 @@ impl SortArgs {
     /// Says what cannot work before the work is done; the format of the output, where there is one.
     fn check_outputs(&self) -> Result<Option<Format>, Failure> {
         let stdout = |path: &Option<PathBuf>| path.as_deref() == Some(Path::new("-"));
-        let to_stdout = usize::from(self.json) + usize::from(stdout(&self.output)) + usize::from(stdout(&self.picture));
+        let to_stdout =
+            usize::from(self.files.json) + usize::from(stdout(&self.output)) + usize::from(stdout(&self.picture));
         if to_stdout > 1 {
             return Err(Failure::Usage(
                 "only one of --json, --output - and --picture - can have standard output".into(),
@@ -145,12 +125,12 @@ impl SortArgs {
         {
             return Err(Failure::Usage(format!("--picture {}: pictures are written as .png", path.display())));
         }
-        let to = self.output.as_deref().map(|path| output::format(path, self.to)).transpose()?;
+        let to = self.output.as_deref().map(|path| output::format(path, self.files.to)).transpose()?;
         if let Some(to) = to.filter(|to| !to.info().writes_cloud) {
             return Err(Failure::Usage(format!("{to} is not written for points; `nearfield formats` lists what is")));
         }
         for path in [&self.output, &self.picture].into_iter().flatten() {
-            output::check(path, self.force)?;
+            output::check(path, self.files.force)?;
         }
         Ok(to)
     }
@@ -158,7 +138,7 @@ impl SortArgs {
     fn tell(&self, summary: &Summary<'_>, common: &Common) -> Result<(), Failure> {
         let origin = summary.cloud.origin + summary.domain.origin().as_dvec3();
         let points = summary.cloud.len() as u64;
-        if self.json {
+        if self.files.json {
             return print_json(&json!({
                 "points": points,
                 "curve": self.curve.name(),

@@ -101,27 +101,10 @@ impl Scan {
 
     /// A row without a value.
     pub fn row(&self, lab: &Lab, on_gpu: bool, setting: &str, radius: f32, method: &str) -> Row {
-        let r_over_l = f64::from(radius) / self.body.diagonal;
-        Row {
-            device: lab.device(on_gpu),
-            paper_points: self.paper_points,
-            points: self.points.len(),
-            dimension: 3,
-            setting: setting.to_owned(),
-            // Enough digits for a reader.
-            r_over_l: (r_over_l * 1e5).round() / 1e5,
-            radius: f64::from(radius),
-            mean_neighbors: None,
-            method: method.to_owned(),
-            quantity: "",
-            unit: "ms",
-            value: None,
-            device_milliseconds: None,
-            paper: None,
-            recall: None,
-            runs: 0,
-            note: String::new(),
-        }
+        // Enough digits for a reader.
+        let r_over_l = (f64::from(radius) / self.body.diagonal * 1e5).round() / 1e5;
+        let points = [self.paper_points, self.points.len()];
+        Row::new(lab.device(on_gpu), points, setting, [r_over_l, radius.into()], method)
     }
 }
 

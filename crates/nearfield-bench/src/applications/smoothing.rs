@@ -54,20 +54,40 @@ pub struct Smoothed {
 /// # Errors
 /// What the method returns; a wrong answer.
 pub fn with_lists(lab: &Lab, plug: &Plug, task: Task<'_>, mean_neighbors: f64) -> Result<Smoothed> {
-    if let Some(gpu) = lab.gpu().filter(|_| plug.on_gpu) {
-        let fits = FromLists::new(gpu)?;
-        // Kernels are made in a run that is not timed.
-        let first = on_gpu(gpu, &fits, plug, Task { iterations: 1, ..task }, mean_neighbors)?.points;
-        Ok(Smoothed { first, ..on_gpu(gpu, &fits, plug, task, mean_neighbors)? })
-    } else {
-        on_cpu(plug, task, mean_neighbors)
-    }
+    let Some(gpu) = lab.gpu().filter(|_| plug.on_gpu) else {
+        return by_lists(None, plug, task, mean_neighbors, |at, lists| {
+            let moved = match lists {
+                Found::OnHost(list) => plane_fit::from_lists(&at.host, task.radius, |i| list.row(i)),
+                Found::Baseline { rows, .. } => plane_fit::from_lists(&at.host, task.radius, |i| rows.row(i)),
+                _ => return Err("a loop over lists needs them on the host".into()),
+            };
+            Ok(Positions { host: moved, device: None })
+        });
+    };
+    let fits = FromLists::new(gpu)?;
+    let run = |task: Task<'_>| {
+        by_lists(Some(gpu), plug, task, mean_neighbors, |at, lists| {
+            let device = at.device.as_ref().ok_or("points should be on the device")?;
+            // The points need not come back: searches on the device look at those there.
+            Ok(Positions { host: Vec::new(), device: Some(fits.run(device, lists, task.radius)?) })
+        })
+    };
+    // Kernels are made in a run that is not timed.
+    let first = run(Task { iterations: 1, ..task })?.points;
+    Ok(Smoothed { first, ..run(task)? })
 }
 
-fn on_gpu(gpu: &Gpu, fits: &FromLists, plug: &Plug, task: Task<'_>, mean_neighbors: f64) -> Result<Smoothed> {
+/// Smoothes with lists by a method and a fit over them, which says where the points move.
+fn by_lists(
+    gpu: Option<&Gpu>,
+    plug: &Plug,
+    task: Task<'_>,
+    mean_neighbors: f64,
+    fit: impl Fn(&Positions, &Found) -> Result<Positions>,
+) -> Result<Smoothed> {
     let begin = Instant::now();
-    let mut at = Positions::new(Some(gpu), task.points.to_vec())?;
-    let mut method = (plug.make)(&Start { gpu: Some(gpu), at: &at, radius: task.radius, mean_neighbors })?;
+    let mut at = Positions::new(gpu, task.points.to_vec())?;
+    let mut method = (plug.make)(&Start { gpu, at: &at, radius: task.radius, mean_neighbors })?;
     let (mut searching, mut iterations) = (0.0, 0);
     let (last, lists) = loop {
         let start = Instant::now();
@@ -77,68 +97,23 @@ fn on_gpu(gpu: &Gpu, fits: &FromLists, plug: &Plug, task: Task<'_>, mean_neighbo
         let lists = method.list(task.radius)?;
         searching += start.elapsed().as_secs_f64();
         iterations += 1;
-        let device = at.device.as_ref().ok_or("points should be on the device")?;
-        let moved = fits.run(device, &lists, task.radius)?;
-        // The points need not come back: searches on the device look at those there.
-        let last = std::mem::replace(&mut at, Positions { host: Vec::new(), device: Some(moved) });
+        let moved = fit(&at, &lists)?;
+        let last = std::mem::replace(&mut at, moved);
         if iterations >= task.iterations || begin.elapsed().as_secs_f64() > task.seconds {
             break (last, lists);
         }
     };
-    let read = |at: &Positions| -> Result<Vec<Vec3>> {
-        let points = gpu.read(at.device.as_ref().ok_or("points should be on the device")?)?;
-        Ok(points.iter().map(|p| Vec3::new(p[0], p[1], p[2])).collect())
-    };
-    let points = read(&at)?;
-    let total = begin.elapsed().as_secs_f64();
-    let (judged, mean_neighbors) = judge(Some(gpu), &lists, &read(&last)?, task.radius)?;
+    let points = read(gpu, at)?;
+    let total = 1e3 * begin.elapsed().as_secs_f64();
+    let (judged, mean_neighbors) = judge(gpu, &lists, &read(gpu, last)?, task.radius)?;
     let search = Some(1e3 * searching / iterations as f64);
-    Ok(Smoothed {
-        iterations,
-        total: 1e3 * total,
-        search,
-        judged: Some(judged),
-        mean_neighbors,
-        points,
-        first: Vec::new(),
-    })
+    Ok(Smoothed { iterations, total, search, judged: Some(judged), mean_neighbors, points, first: Vec::new() })
 }
 
-fn on_cpu(plug: &Plug, task: Task<'_>, mean_neighbors: f64) -> Result<Smoothed> {
-    let begin = Instant::now();
-    let mut at = Positions::new(None, task.points.to_vec())?;
-    let mut method = (plug.make)(&Start { gpu: None, at: &at, radius: task.radius, mean_neighbors })?;
-    let (mut searching, mut iterations) = (0.0, 0);
-    let (last, lists) = loop {
-        let start = Instant::now();
-        if iterations > 0 {
-            method.update(&at)?;
-        }
-        let lists = method.list(task.radius)?;
-        searching += start.elapsed().as_secs_f64();
-        iterations += 1;
-        let moved = match &lists {
-            Found::OnHost(list) => plane_fit::from_lists(&at.host, task.radius, |i| list.row(i)),
-            Found::Baseline { rows, .. } => plane_fit::from_lists(&at.host, task.radius, |i| rows.row(i)),
-            _ => return Err("a loop over lists needs them on the host".into()),
-        };
-        let last = std::mem::replace(&mut at, Positions { host: moved, device: None });
-        if iterations >= task.iterations || begin.elapsed().as_secs_f64() > task.seconds {
-            break (last, lists);
-        }
-    };
-    let total = begin.elapsed().as_secs_f64();
-    let (judged, mean_neighbors) = judge(None, &lists, &last.host, task.radius)?;
-    let search = Some(1e3 * searching / iterations as f64);
-    Ok(Smoothed {
-        iterations,
-        total: 1e3 * total,
-        search,
-        judged: Some(judged),
-        mean_neighbors,
-        points: at.host,
-        first: Vec::new(),
-    })
+/// Where the points are, from the device where they are there.
+fn read(gpu: Option<&Gpu>, at: Positions) -> Result<Vec<Vec3>> {
+    let (Some(gpu), Some(device)) = (gpu, &at.device) else { return Ok(at.host) };
+    Ok(gpu.read(device)?.iter().map(|p| Vec3::new(p[0], p[1], p[2])).collect())
 }
 
 fn judge(gpu: Option<&Gpu>, lists: &Found, points: &[Vec3], radius: f32) -> Result<(Judged, f64)> {

@@ -155,25 +155,8 @@ impl Spot {
 
     /// A row without a value.
     pub fn row(&self, device: String, setting: &str, r_over_l: f64, method: &str) -> Row {
-        Row {
-            device,
-            paper_points: self.paper_points,
-            points: self.points.len(),
-            dimension: 3,
-            setting: setting.to_owned(),
-            r_over_l,
-            radius: f64::from(self.length(r_over_l)),
-            mean_neighbors: None,
-            method: method.to_owned(),
-            quantity: "",
-            unit: "ms",
-            value: None,
-            device_milliseconds: None,
-            paper: None,
-            recall: None,
-            runs: 0,
-            note: String::new(),
-        }
+        let points = [self.paper_points, self.points.len()];
+        Row::new(device, points, setting, [r_over_l, self.length(r_over_l).into()], method)
     }
 }
 

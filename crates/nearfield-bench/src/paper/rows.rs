@@ -73,6 +73,32 @@ pub struct Row {
 }
 
 impl Row {
+    /// A row without a value, in milliseconds, of points in three dimensions.
+    ///
+    /// - `points`: their number in the paper and here
+    /// - `radius`: in the paper by the diagonal of the points' box, and here
+    pub fn new(device: String, points: [usize; 2], setting: &str, radius: [f64; 2], method: &str) -> Self {
+        Self {
+            device,
+            paper_points: points[0],
+            points: points[1],
+            dimension: 3,
+            setting: setting.to_owned(),
+            r_over_l: radius[0],
+            radius: radius[1],
+            mean_neighbors: None,
+            method: method.to_owned(),
+            quantity: "",
+            unit: "ms",
+            value: None,
+            device_milliseconds: None,
+            paper: None,
+            recall: None,
+            runs: 0,
+            note: String::new(),
+        }
+    }
+
     /// A row with another quantity.
     pub fn of(&self, quantity: &'static str, unit: &'static str) -> Self {
         Self { quantity, unit, paper: None, ..self.clone() }

@@ -32,27 +32,39 @@ pub struct Case {
 /// What the rows of a case on one device share.
 #[derive(Default)]
 pub struct Shared {
-    reference: Option<Reference>,
+    /// From the start of the scene.
+    early: Option<Reference>,
+    /// From where the first run has ended.
+    late: Option<(ParticleScene, Reference)>,
     first: Option<Timed>,
 }
+
+/// Share of the budget that a row may take at most, where the same search has rows to come: with a larger one they would be left out.
+const LARGEST_SHARE: f64 = 0.06;
 
 /// Shares what is left of the budget among the rows that are still to come.
 pub struct Pace<'a> {
     lab: &'a Lab,
     rows: usize,
+    largest_share: f64,
 }
 
 impl<'a> Pace<'a> {
-    /// Of an experiment with so many rows.
+    /// Of an experiment with so many rows, some of them of one search.
     pub fn new(lab: &'a Lab, rows: usize) -> Self {
-        Self { lab, rows }
+        Self { lab, rows, largest_share: LARGEST_SHARE }
+    }
+
+    /// Of an experiment in which each row is of another search.
+    pub fn of_searches(lab: &'a Lab, rows: usize) -> Self {
+        Self { lab, rows, largest_share: 1.0 }
     }
 
     /// Seconds of the next row.
     pub fn next(&mut self) -> f64 {
         let seconds = self.lab.left().max(0.0) / self.rows.max(1) as f64;
         self.rows = self.rows.saturating_sub(1);
-        seconds
+        seconds.min(self.largest_share * self.lab.budget)
     }
 }
 
@@ -106,7 +118,7 @@ impl Case {
         }
     }
 
-    /// Checks one way against the others, and times its run.
+    /// Checks one way against the others from the start of the scene, times its run, and checks it from where the first way's run ended.
     ///
     /// # Errors
     /// As the simulation; a wrong answer.
@@ -114,15 +126,23 @@ impl Case {
         let scene = &self.scene;
         // What a way refuses it refuses before the reference is made for it.
         drop(way.open(lab, scene, true)?);
-        if shared.reference.is_none() {
-            shared.reference = Some(Reference::of(lab, scene, way.on_gpu)?);
+        if shared.early.is_none() {
+            shared.early = Some(Reference::of(lab, scene, way.on_gpu)?);
         }
-        let checked = shared.reference.as_ref().map(|reference| reference.check(lab, scene, way)).transpose()?;
+        let checked = shared.early.as_ref().map(|reference| reference.check(lab, scene, way)).transpose()?;
         let timed = timing::run(lab, way, scene, self.steps, TIMED_SHARE * seconds)?;
         check::sane(&timed.end)?;
         match &shared.first {
             Some(first) => check::close(scene, &timed, first)?,
-            None => shared.first = Some(timed.clone()),
+            None => {
+                let later = ParticleScene { particles: timed.particles.clone(), ..scene.clone() };
+                let reference = Reference::of(lab, &later, way.on_gpu)?;
+                shared.late = Some((later, reference));
+                shared.first = Some(timed.clone());
+            }
+        }
+        if let Some((later, reference)) = &shared.late {
+            reference.check(lab, later, way)?;
         }
         let cut = if timed.steps < self.steps {
             format!("{} of {} steps in the time of a row", timed.steps, self.steps)
@@ -130,7 +150,7 @@ impl Case {
             format!("{} steps", timed.steps)
         };
         let note = format!(
-            "{cut}; {} rebuilds; {}; at the end energy {:.4e}, of which kinetic {:.4e}, momentum {:.2e}",
+            "{cut}; {} rebuilds; {}, before and after the run; at the end energy {:.4e}, of which kinetic {:.4e}, momentum {:.2e}",
             timed.rebuilds,
             checked.unwrap_or_default(),
             timed.end.energy(),

@@ -37,7 +37,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
     let mut writer = csv::Writer::from_path(lab.path("figure-19-steps.csv"))?;
     writer.write_record(STEP_COLUMNS)?;
     let mut panels = Vec::new();
-    let mut pace = Pace::new(lab, devices(lab).len() * SEARCHES.len());
+    let mut pace = Pace::of_searches(lab, devices(lab).len() * SEARCHES.len());
     for &on_gpu in devices(lab) {
         let mut series = Vec::new();
         for search in SEARCHES {
@@ -45,8 +45,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
             let seconds = pace.next();
             let row = case.row(lab, on_gpu, way.name());
             sheet.attempt(row.clone(), || {
-                let run = (case.steps, 0.8 * seconds);
-                let times = timing::each_step(lab, way, &case.scene, run, &[], |_, _| Ok(()))?;
+                let times = timing::each_step(lab, way, &case.scene, case.steps, 0.8 * seconds)?;
                 for time in &times {
                     writer.write_record(record(lab, &case, way, time))?;
                 }

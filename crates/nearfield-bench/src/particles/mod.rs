@@ -68,8 +68,8 @@ const HEAD: Head<'_> = Head {
     title: "The simulations of Xing2017, measured again",
     notes: &original::NOTES,
     times: "Steps a second are those of a run from the start of its scene, first builds included, by wall clock with the device having \
-            finished; kernels are compiled before. The device is waited for after batches of steps, in figure 19 after each. Before each \
-            run of grains its search makes some steps in deterministic mode, after which every particle must be to the bit where another \
+            finished; kernels are compiled before. The device is waited for after batches of steps, in figure 19 after each. Before and \
+            after each run of grains its search makes some steps in deterministic mode, after which every particle must be to the bit where another \
             search leads it; after it all particles together must be where the others leave them.",
 };
 
@@ -78,24 +78,32 @@ fn experiment(text: &str) -> std::result::Result<String, String> {
     if names.contains(&text) { Ok(text.to_owned()) } else { Err(format!("expected one of {}", names.join(", "))) }
 }
 
-/// Runs the experiments that are named and writes their files.
+/// Runs the experiments that are named and writes their files. One that fails does not keep the others from running.
 ///
 /// # Errors
-/// `NoDevice`; a setting outside its range; what a simulation fails at; an answer that is wrong; a file that cannot be written.
+/// `NoDevice`; a setting outside its range; after all have run, those that failed: what a simulation fails at, an answer that is wrong, a
+/// file that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { device, scale, budget, output, .. } = arguments;
     let lab = Lab::new(device, *scale, *budget, output)?;
     for line in lab.caption() {
         println!("{line}");
     }
-    let mut parts = Vec::new();
+    let (mut parts, mut failures) = (Vec::new(), Vec::new());
     for (name, measure) in EXPERIMENTS {
-        if arguments.only.is_empty() || arguments.only.iter().any(|wanted| wanted == name) {
-            parts.push((name, measure(&lab)?));
-            summary::write(&lab, &HEAD, &command(arguments), &parts)?;
+        if !arguments.only.is_empty() && !arguments.only.iter().any(|wanted| wanted == name) {
+            continue;
         }
+        match measure(&lab) {
+            Ok(rows) => parts.push((name, rows)),
+            Err(error) => {
+                eprintln!("{name} failed: {error}");
+                failures.push(error.to_string());
+            }
+        }
+        summary::write(&lab, &HEAD, &command(arguments), &parts)?;
     }
-    Ok(())
+    if failures.is_empty() { Ok(()) } else { Err(failures.join("; ").into()) }
 }
 
 /// The command that gives these files.

@@ -137,7 +137,7 @@ fn rest_of_step(lab: &Lab, case: &Case, particles: &Particles) -> Result<f64> {
     let mut scene = case.scene.clone();
     scene.particles.clone_from(particles);
     let way = Way { search: ParticleSearch::Verlet { skin: ParticleSearch::SKIN }, on_gpu: true };
-    let times = timing::each_step(lab, way, &scene, (REPEATS as u32 + 2, f64::INFINITY), &[], |_, _| Ok(()))?;
+    let times = timing::each_step(lab, way, &scene, REPEATS as u32 + 2, f64::INFINITY)?;
     // The first step makes the list.
     let good: Vec<f64> = times[1..].iter().filter(|time| time.rebuilds == 0).map(|time| time.milliseconds).collect();
     let any: Vec<f64> = times.iter().map(|time| time.milliseconds).collect();

@@ -29,8 +29,10 @@ pub struct Timed {
     pub iterations: f64,
     /// Mean density error over all steps, in parts.
     pub density_error: f64,
-    /// At the end.
+    /// Of all particles at the end.
     pub end: Measures,
+    /// They themselves.
+    pub particles: Particles,
 }
 
 impl Timed {
@@ -97,6 +99,7 @@ pub fn run(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64)
     }
     let took = begin.elapsed().as_secs_f64();
     let mean = |sum: f64| sum / f64::from(done.max(1));
+    let particles = simulation.particles()?;
     Ok(Timed {
         steps: done,
         seconds: took,
@@ -104,24 +107,16 @@ pub fn run(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64)
         rebuilds,
         iterations: mean(iterations),
         density_error: mean(density_error),
-        end: simulation.measure()?,
+        end: Measures::of(scene, &particles),
+        particles,
     })
 }
 
-/// Times every step of a run by itself: the device is waited for after each. `look` is shown the particles after some of them.
-///
-/// - `looks`: steps after which it is, ascending
+/// Times every step of a run by itself, up to so many and for about so many seconds: the device is waited for after each.
 ///
 /// # Errors
-/// As the simulation and `look`.
-pub fn each_step(
-    lab: &Lab,
-    way: Way,
-    scene: &ParticleScene,
-    (steps, seconds): (u32, f64),
-    looks: &[u64],
-    mut look: impl FnMut(u64, &Particles) -> Result<()>,
-) -> Result<Vec<StepTime>> {
+/// As the simulation.
+pub fn each_step(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64) -> Result<Vec<StepTime>> {
     let mut simulation = warm(lab, way, scene)?;
     let mut times = Vec::with_capacity(steps as usize);
     let begin = Instant::now();
@@ -135,9 +130,6 @@ pub fn each_step(
             mean_neighbors: report.mean_neighbors,
             rebuilds: report.rebuilds,
         }));
-        if looks.binary_search(&simulation.step()).is_ok() {
-            look(simulation.step(), &simulation.particles()?)?;
-        }
     }
     Ok(times)
 }

@@ -91,6 +91,21 @@ impl Camera {
         camera
     }
 
+    /// The view of the plane z = 0 from its front, y up, filled by `points`.
+    pub(super) fn front(points: &[Vec3], frame: Frame) -> Self {
+        let mut camera = Self::fitted(points, Up::Y, frame);
+        (camera.right, camera.up, camera.toward_eye) = (DVec3::X, DVec3::Y, DVec3::Z);
+        camera.distance = f64::INFINITY;
+        let sample: Vec<DVec3> = points.iter().map(|p| p.as_dvec3()).collect();
+        camera.fit(&sample, frame);
+        camera
+    }
+
+    /// A length in pixels, at the center.
+    pub(super) fn pixels(&self, length: f64) -> f32 {
+        (self.scale * length) as f32
+    }
+
     /// The view of a picture of so many pixels that nothing else is drawn on, filled by `points` with all strays.
     pub(crate) fn filled(points: &[Vec3], up: Up, width: u32, height: u32) -> Self {
         let frame = Frame { left: 0.0, top: 0.0, width: width as f32, height: height as f32 };

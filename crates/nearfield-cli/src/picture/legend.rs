@@ -1,7 +1,7 @@
 //! Title lines and the colour bar.
 
 use super::{Image, Scene, text};
-use crate::colormap::{green_to_red, viridis};
+use crate::colormap::{green_to_red, viridis, water};
 use crate::report::{grouped, short};
 
 const INK: [u8; 3] = [228, 232, 238];
@@ -52,6 +52,8 @@ pub(crate) enum Colors {
     Perceptual,
     /// Accel's: green to red.
     GreenRed,
+    /// Of fluids by speed: deep blue at rest to white spray.
+    Water,
 }
 
 /// Part of the values at each end that shares the colour of the end.
@@ -109,6 +111,11 @@ impl Scale {
         Self { low: 0.0, high: max as f32, clipped: [false; 2], logarithmic: false, whole: true, colors }
     }
 
+    /// A scale between two values, in equal steps; values outside have the colours of the ends.
+    pub(crate) fn between(low: f32, high: f32, colors: Colors) -> Self {
+        Self { low, high, clipped: [false; 2], logarithmic: false, whole: false, colors }
+    }
+
     /// Colour of a number.
     pub(crate) fn color(&self, value: u32) -> [u8; 3] {
         self.color_of(value as f32)
@@ -125,6 +132,7 @@ impl Scale {
         match self.colors {
             Colors::Perceptual => viridis(0.16 + 0.84 * place.clamp(0.0, 1.0)),
             Colors::GreenRed => green_to_red(place),
+            Colors::Water => water(place),
         }
     }
 

@@ -2,7 +2,9 @@
 //!
 //! Everything is drawn at twice the size and averaged down, except the text.
 
+mod balls;
 mod camera;
+mod film;
 mod legend;
 mod path;
 mod raster;
@@ -17,7 +19,9 @@ use nearfield::Vec3;
 
 use crate::options::PictureSize;
 
+pub(crate) use balls::{Space, draw_balls};
 pub(crate) use camera::{Camera, Up, likely_up};
+pub(crate) use film::{Film, write_film};
 pub(crate) use legend::{Bar, Colors, Scale, Swatch};
 pub(crate) use path::{Path, Square, draw_path};
 pub(crate) use raster::draw_raster;

@@ -9,7 +9,7 @@ const ENOUGH: usize = 2;
 /// Radius over the mean spacing: closed surfaces show two layers at once, and gaps let the back shine through.
 const COVER: f32 = 1.3;
 /// Radii in pixels of the first drawing.
-const SMALLEST: f32 = 1.1;
+pub(super) const SMALLEST: f32 = 1.1;
 const LARGEST: f32 = 30.0;
 /// From this radius on a ball is shaded by itself.
 const ROUND: f32 = 4.0;
@@ -28,14 +28,7 @@ pub(super) struct Layers {
 
 /// Draws the points whose centers lie in `frame`.
 pub(super) fn draw(scene: &Scene<'_>, camera: &Camera, frame: Frame, width: usize, height: usize) -> Layers {
-    let n_pixels = width * height;
-    let mut layers = Layers {
-        width,
-        height,
-        depth: vec![f32::INFINITY; n_pixels],
-        point: vec![u32::MAX; n_pixels],
-        light: vec![255; n_pixels],
-    };
+    let mut layers = Layers::empty(width, height);
     let inside = |p: &Projected| {
         let (x, y) = (p.x - frame.left, p.y - frame.top);
         x >= 0.0 && y >= 0.0 && x < frame.width && y < frame.height
@@ -71,8 +64,20 @@ fn radius(seen: &[(u32, Projected)], width: usize, height: usize) -> f32 {
 }
 
 impl Layers {
+    /// Nothing is seen anywhere.
+    pub(super) fn empty(width: usize, height: usize) -> Self {
+        let n_pixels = width * height;
+        Self {
+            width,
+            height,
+            depth: vec![f32::INFINITY; n_pixels],
+            point: vec![u32::MAX; n_pixels],
+            light: vec![255; n_pixels],
+        }
+    }
+
     /// Draws a ball where it is nearer than what is there; of two equally near the first stays.
-    fn ball(&mut self, point: u32, at: Projected, radius: f32) {
+    pub(super) fn ball(&mut self, point: u32, at: Projected, radius: f32) {
         let (r2, reach) = (radius * radius, radius.ceil());
         let span = |c: f32, end: usize| (c - reach).max(0.0) as usize..((c + reach + 1.0) as usize).min(end);
         for y in span(at.y, self.height) {

@@ -212,12 +212,15 @@ fn everyday_tasks_on_the_device_are_those_of_the_cpu() {
         };
         assert_eq!(run("cpu", "cpu.ply"), run(&device, "gpu.ply"), "{task}");
     }
-    let points = |device: &str| {
-        let mut command = folder.command("downsample voxel cloud.ply --size 2% -o few.ply --force");
+    let points = |by: &str, device: &str| {
+        let mut command = folder.command(&format!("downsample {by} -o few.ply --force"));
         assert!(command.args(["--device", device]).output().unwrap().status.success());
         read(&folder, "few.ply").points
     };
-    let (here, there) = (points("cpu"), points(&device));
+    let farthest = |device: &str| points("farthest cloud.ply --count 200 --seed 3", device);
+    assert_eq!(farthest("cpu"), farthest(&device));
+    let voxels = |device: &str| points("voxel cloud.ply --size 2%", device);
+    let (here, there) = (voxels("cpu"), voxels(&device));
     assert_eq!(here.len(), there.len());
     assert!(here.iter().zip(&there).all(|(a, b)| a.distance(*b) < 1e-6));
 }

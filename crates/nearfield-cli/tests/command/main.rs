@@ -10,6 +10,7 @@ mod rays;
 mod render;
 mod resample;
 mod sdf;
+mod simulate;
 mod smooth;
 mod sort;
 mod surfaces;

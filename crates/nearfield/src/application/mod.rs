@@ -28,12 +28,12 @@ pub use distance_field::{
 #[cfg(feature = "gpu")]
 pub use distance_field::{FieldParameters, GpuDistanceField, GpuMeshDistance, GpuOrientedSamples};
 pub use domain_decomposition::{Exchange, PartReport, Partition, PartitionReport, compare_curves};
-#[cfg(feature = "gpu")]
-pub use downsample::voxel_downsample_on_gpu;
 pub use downsample::{
     Extent, FarthestPoints, FarthestStart, PoissonDisk, PoissonDiskSettings, VoxelOrigin, VoxelPoint, VoxelSettings,
     Voxels, farthest_points, poisson_disk, voxel_downsample,
 };
+#[cfg(feature = "gpu")]
+pub use downsample::{farthest_points_on_gpu, voxel_downsample_on_gpu};
 pub use dual_contouring::{
     Contour, ContourReport, ContourSettings, Crossing, FieldHermite, FunctionHermite, GridEdge, HermiteData,
     NodeValues, PointsHermite, VertexMode, contour, contour_with,

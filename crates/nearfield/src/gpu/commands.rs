@@ -9,6 +9,9 @@ use crate::{Error, Result};
 /// Stages that one set of timestamps holds: two for each stage.
 const MOST_TIMED_STAGES: usize = wgpu::QUERY_SET_MAX_QUERIES as usize / 2;
 
+/// Repetitions that are submitted together.
+const TOGETHER: u32 = 4;
+
 /// A buffer as a kernel sees it.
 #[derive(Debug, Clone)]
 pub struct Bind {
@@ -191,6 +194,9 @@ impl Commands {
     /// # Errors
     /// As [`Commands::submit`].
     pub fn submit_repeated(mut self, times: u32) -> Result<()> {
+        if times == 0 {
+            return self.error.map_or(Ok(()), Err);
+        }
         // Without times to take, all dispatches between two copies are one pass.
         let (name, steps) = (self.label, self.stages.drain(..).flat_map(|stage| stage.steps).collect());
         self.stages = vec![Stage { name, steps }];
@@ -241,8 +247,17 @@ impl Commands {
                     count: n_ticks as u32,
                 })
             });
-            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
-            for (number, stage) in (0..times).flat_map(|_| stages.iter().enumerate()) {
+            let encoder = || device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
+            // The device works on one part while the host makes the next one ready.
+            for _ in 0..times.div_ceil(TOGETHER) - 1 {
+                let mut encoder = encoder();
+                for stage in (0..TOGETHER).flat_map(|_| &stages) {
+                    encode_stage(&gpu, &mut encoder, stage, None);
+                }
+                gpu.queue().submit([encoder.finish()]);
+            }
+            let mut encoder = encoder();
+            for (number, stage) in (0..(times - 1) % TOGETHER + 1).flat_map(|_| stages.iter().enumerate()) {
                 encode_stage(&gpu, &mut encoder, stage, query_set.as_ref().map(|set| (set, 2 * number as u32)));
             }
             if let (Some(set), Some(buffer)) = (&query_set, &ticks) {

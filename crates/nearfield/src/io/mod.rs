@@ -34,6 +34,7 @@ pub use distance_grid::{GridFormat, parse_distance_grid, read_distance_grid, wri
 pub use exr::write_exr;
 pub use format::{FORMATS, Format, FormatInfo};
 pub use npy::{NpyArray, write_npz};
+pub(crate) use npy::{read_npz_list, read_npz_vectors};
 pub use obj::{MeshMaterials, MtlMaterial, parse_mtl, read_obj_materials};
 pub(crate) use open::with_path;
 pub use open::{Polygons, parse_cloud, parse_mesh, parse_mesh_with, read_cloud, read_mesh};

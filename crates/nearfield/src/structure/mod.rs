@@ -19,6 +19,8 @@ pub mod kd_tree;
 pub mod linear_octree;
 pub mod moving_points;
 #[cfg(feature = "gpu")]
+pub mod multi_level_grid;
+#[cfg(feature = "gpu")]
 mod on_gpu;
 #[cfg(feature = "gpu")]
 mod on_gpu_rays;
@@ -45,6 +47,8 @@ pub use linear_octree::{GpuLeafNeighbors, GpuLinearOctree, OctreeBuilder};
 #[cfg(feature = "gpu")]
 pub use moving_points::GpuMovingPoints;
 pub use moving_points::{MovingPoints, RebuildPolicy, UpdateAction, UpdateReason, UpdateReport};
+#[cfg(feature = "gpu")]
+pub use multi_level_grid::{GpuMultiLevelGrid, LevelRule, MultiLevelGridBuilder};
 #[cfg(feature = "gpu")]
 pub(crate) use on_gpu::device_points;
 #[cfg(feature = "gpu")]

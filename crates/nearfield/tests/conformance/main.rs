@@ -1,7 +1,7 @@
 //! Conformance: every structure on every device gives every answer that brute force, written out again in
 //! `reference.rs`, gives on every named case.
 //!
-//! A case is added in `cases.rs`, a structure in `subjects.rs`, a question in `questions.rs`, a single claim in
+//! A case is added in `cases.rs`, a structure in `subjects/builds.rs`, a question in `questions.rs`, a single claim in
 //! `claims.rs`; the trials and their names are made from those tables. `planted.rs` checks the comparison itself.
 //!
 //! - `NEARFIELD_TEST_DEVICE`, `NEARFIELD_REQUIRE_GPU`: see `support`

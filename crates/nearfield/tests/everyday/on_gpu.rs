@@ -1,11 +1,14 @@
 //! The device against the CPU: the same labels and masks to the last one, since the clouds have exact distances.
 
+use std::ops::ControlFlow;
+
 use libtest_mimic::Trial;
 use nearfield::application::{
-    Clusters, DbscanSettings, EuclideanSettings, GpuClusters, OutlierRule, RadiusOutlierSettings,
-    StatisticalOutlierSettings, VoxelOrigin, VoxelPoint, VoxelSettings, Watch, dbscan, dbscan_on_gpu, duplicates,
-    duplicates_on_gpu, euclidean_clusters, euclidean_clusters_on_gpu, radius_outliers, radius_outliers_on_gpu,
-    statistical_outliers, statistical_outliers_on_gpu, voxel_downsample, voxel_downsample_on_gpu,
+    Clusters, DbscanSettings, EuclideanSettings, FarthestPoints, FarthestStart, GpuClusters, OutlierRule, Progress,
+    RadiusOutlierSettings, StatisticalOutlierSettings, VoxelOrigin, VoxelPoint, VoxelSettings, Watch, dbscan,
+    dbscan_on_gpu, duplicates, duplicates_on_gpu, euclidean_clusters, euclidean_clusters_on_gpu, farthest_points,
+    farthest_points_on_gpu, radius_outliers, radius_outliers_on_gpu, statistical_outliers, statistical_outliers_on_gpu,
+    voxel_downsample, voxel_downsample_on_gpu,
 };
 use nearfield::gpu::Gpu;
 use nearfield::structure::GpuStructure;
@@ -20,7 +23,7 @@ use crate::clouds::{
 };
 use crate::clusters::{ASKED, is_spread};
 use crate::outliers::TOLERANCES;
-use crate::support::gpu_trial;
+use crate::support::{Random, gpu_trial, own_context, refuse_each};
 
 pub(crate) fn trials() -> Vec<Trial> {
     vec![
@@ -34,6 +37,9 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("duplicates_on_the_device_are_those_of_the_cpu", duplicates_are_the_same),
         gpu_trial("voxels_on_the_device_are_those_of_the_cpu", voxels_are_the_same),
         gpu_trial("cells_too_full_for_the_device_are_refused", full_cells),
+        gpu_trial("farthest_points_on_the_device_are_those_of_the_cpu", farthest_points_are_the_same),
+        gpu_trial("farthest_points_on_the_device_are_taken_in_submissions", farthest_in_submissions),
+        gpu_trial("farthest_points_keep_no_memory_that_is_refused", farthest_without_memory),
         gpu_trial("the_device_refuses_what_makes_no_sense", refusals),
     ]
 }
@@ -226,6 +232,60 @@ fn full_cells(gpu: &Gpu) {
     assert_eq!((found.points, found.counts), (vec![[1.0; 3]], vec![fits.len() as u32]));
 }
 
+/// Indices and invalid points, and the bits of the distances.
+fn bits_of(found: &FarthestPoints<f32>) -> (&[u32], &[u32], Vec<u32>) {
+    (&found.indices, &found.invalid, found.distances.iter().map(|d| d.to_bits()).collect())
+}
+
+fn farthest_points_are_the_same(gpu: &Gpu) {
+    let (mixed, _) = with_invalid(&balls(500, 48));
+    // Coordinates with all their bits: distances are rounded, and a product that is fused with a sum would show.
+    let mut random = Random(49);
+    let rough: Points = (0..3000).map(|_| [(); 3].map(|()| f64::from(random.unit() * random.unit()))).collect();
+    let large = rough.iter().map(|p| p.map(|x| x * 1e18)).collect();
+    for (name, points) in clouds().into_iter().chain([("invalid", mixed), ("rough", rough), ("large", large)]) {
+        let n = points.iter().filter(|p| p.iter().all(|x| x.is_finite())).count();
+        let (arrays, vectors) = (of::<f32>(&points), vectors(&points));
+        for start in [FarthestStart::Index(points.len() as u32 / 2), FarthestStart::Seed(7)] {
+            for count in [0, 1, 2, 300, n] {
+                let case = format!("{name}, {count} of {n} from {start:?}");
+                let here = farthest_points(&arrays, count, start, &mut Watch::none());
+                let there = farthest_points_on_gpu(gpu, &vectors, count, start, &mut Watch::none());
+                match (here, there) {
+                    (Ok(here), Ok(there)) => assert_eq!(bits_of(&here), bits_of(&there), "{case}"),
+                    (Err(here), Err(there)) => assert_eq!(here.to_string(), there.to_string(), "{case}"),
+                    (here, there) => panic!("{case}: {here:?} and {there:?}"),
+                }
+            }
+        }
+    }
+}
+
+/// More points than one part, and more samples than one submission.
+fn farthest_in_submissions(gpu: &Gpu) {
+    let points = even(5000, 4.0, 50);
+    let start = FarthestStart::Index(4999);
+    let here = farthest_points(&of::<f32>(&points), 2000, start, &mut Watch::none()).unwrap();
+    let mut told = Vec::new();
+    let mut tell = |progress: Progress| {
+        told.push((progress.done, progress.total));
+        ControlFlow::Continue(())
+    };
+    let there = farthest_points_on_gpu(gpu, &vectors(&points), 2000, start, &mut Watch::new(&mut tell)).unwrap();
+    assert_eq!(bits_of(&here), bits_of(&there));
+    assert!(told.len() > 3 && told[0] == (0, 2000) && told[told.len() - 1] == (2000, 2000), "{told:?}");
+    assert!(told.windows(2).all(|pair| pair[0].0 < pair[1].0), "{told:?}");
+    can_be_interrupted("farthest points", |watch| farthest_points_on_gpu(gpu, &vectors(&points), 2000, start, watch));
+}
+
+fn farthest_without_memory(gpu: &Gpu) {
+    let points = vectors(&even(3000, 4.0, 51));
+    let take = |gpu: &Gpu| farthest_points_on_gpu(gpu, &points, 20, FarthestStart::Index(0), &mut Watch::none());
+    let right = take(gpu).unwrap();
+    let own = own_context(gpu);
+    refuse_each(&own, "farthest points", || take(&own), |found| *found == right);
+}
+
 fn refusals(gpu: &Gpu) {
     let points = vectors(&balls(50, 1));
     for eps in [0.0, -1.0, f64::NAN, f64::INFINITY] {
@@ -238,6 +298,11 @@ fn refusals(gpu: &Gpu) {
     is_refused("size of a voxel", voxel_downsample_on_gpu(gpu, &points, &VoxelSettings::new(0.0), &mut Watch::none()));
     is_refused("size of a voxel", voxel_downsample_on_gpu(gpu, &points, &VoxelSettings::new(1e-9), &mut Watch::none()));
     is_refused("tolerance", duplicates_on_gpu(gpu, &points, -1.0, &mut Watch::none()));
+    let farthest = |count, start| farthest_points_on_gpu(gpu, &points, count, start, &mut Watch::none());
+    is_refused("number of samples", farthest(51, FarthestStart::Seed(1)));
+    is_refused("first sample", farthest(2, FarthestStart::Index(50)));
+    let beyond = farthest_points_on_gpu(gpu, &[Vec3::splat(2e18)], 1, FarthestStart::Index(0), &mut Watch::none());
+    assert!(matches!(beyond, Err(Error::CoordinateTooLarge { .. })), "{beyond:?}");
     can_be_interrupted("dbscan", |watch| dbscan_on_gpu(gpu, &points, &DbscanSettings::new(0.5, 3), watch));
     // Who stays goes on from point to point along the row: no pass decides all.
     let row = vectors(&falling_row(ABOVE_BLOCK));

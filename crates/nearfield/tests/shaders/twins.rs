@@ -5,8 +5,8 @@ use std::mem::offset_of;
 
 use nearfield::application::mls::{ConcludeParameters, FitParameters, FitState, IterationSums, PointPlace};
 use nearfield::application::particles::{
-    DemCollide, DemIntegrate, ParticleBlock, ParticleClock, ParticleDrift, ParticleInspection, ParticlePart,
-    ParticleRecord, PbfFluid, Sum3,
+    DemCollide, DemIntegrate, DfsphFluid, DfsphProgress, ParticleBlock, ParticleClock, ParticleDrift,
+    ParticleInspection, ParticlePart, ParticleRecord, PbfFluid,
 };
 use nearfield::application::wlop::{AdvanceParameters, DensityParameters, PairParameters, Pull, Record, RecordPart};
 use nearfield::application::{
@@ -19,6 +19,7 @@ use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
 use nearfield::structure::kd_tree::{KdLeaf, KdNode, KdRoot};
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
+use nearfield::structure::multi_level_grid::{GridLevel, MultiLevelLayout};
 use nearfield::structure::triangle_bvh::CompressedNode;
 use nearfield::structure::uniform_grid::GridLayout;
 use nearfield::{HitRecord, Ray, RayWork, Vec3};
@@ -194,12 +195,24 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         attraction,
         pair_rule,
         one_class,
-        is_first,
-        is_last,
         quantum,
-        inverse_quantum,
-        padding_0,
-        padding_1
+        inverse_quantum
+    });
+    let dfsph = layout_of!(DfsphFluid {
+        gravity,
+        n_particles,
+        support,
+        inverse_support,
+        volume_factor,
+        relaxation,
+        rest_density,
+        viscosity,
+        xsph,
+        fewest_neighbors,
+        divergence_tolerance,
+        density_tolerance,
+        most_iterations,
+        n_parts
     });
     let contour =
         layout_of!(ContourParameters { corner, spacing, nodes, n_nodes, level, two_sided, threshold, n_cells });
@@ -233,6 +246,8 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ("OctreeLayout", octree),
         ("TreeLayout", layout_of!(TreeLayout { period, n_points, inverse_period, depth })),
         ("GridLayout", grid),
+        ("GridLevel", layout_of!(GridLevel { grid, first_entry, first_point, radius, padding })),
+        ("MultiLevelLayout", layout_of!(MultiLevelLayout { n_points, n_levels, rule, padding, levels })),
         ("Layout", brute_force),
         ("Batch", batch),
         ("KnnRun", with_single_words(run)),
@@ -253,6 +268,7 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
             layout_of!(DemIntegrate { gravity, n_particles, low, global_damping, high, wall_damping, radii }),
         ),
         ("DemCollide", collide),
+        ("DfsphFluid", dfsph),
         (
             "PbfFluid",
             layout_of!(PbfFluid {
@@ -322,6 +338,7 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ),
     ];
     let particles = [
+        ("DfsphProgress", layout_of!(DfsphProgress { iterations, is_done, mean, largest })),
         ("ParticleClock", layout_of!(ParticleClock { time_step, time, made, padding })),
         ("ParticlePart", layout_of!(ParticlePart { neighbors, max_speed2, compression, max_compression, first_bad })),
         (
@@ -339,7 +356,6 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
                 velocity
             }),
         ),
-        ("Sum3", layout_of!(Sum3 { value, padding_0, whole, padding_1, part, padding_2 })),
     ];
     let compressed =
         layout_of!(CompressedNode { origin, steps, first_node, first_triangle, slots, low_xy, low_z_high_x, high_yz });

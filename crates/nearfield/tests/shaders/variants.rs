@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 
 use nearfield::gpu::shader::{Fill, MODULES, compose};
 use nearfield::gpu::wgpu::naga;
+use rayon::prelude::*;
 
 use crate::sources::*;
 
@@ -56,16 +57,19 @@ pub(crate) fn variant(
 pub(crate) fn variants() -> &'static [Variant] {
     static ALL: OnceLock<Vec<Variant>> = OnceLock::new();
     ALL.get_or_init(|| {
-        let mut all = Vec::new();
+        let mut asked = Vec::new();
         for (path, source) in MODULES {
             for filling in fillings(MODULES, path) {
-                let fills: Vec<_> = filling.iter().map(|&(at, module)| (at, Fill::Module(module))).collect();
                 for combination in combinations(MODULES, &closure(MODULES, path, &filling)) {
-                    all.push(variant(path, &fills, &combination, !is_root(source)));
+                    asked.push((path, filling.clone(), combination, !is_root(source)));
                 }
             }
         }
-        all
+        let made = |(path, filling, combination, keep_all): &(&&str, Vec<(&str, &'static str)>, Vec<_>, bool)| {
+            let fills: Vec<_> = filling.iter().map(|&(at, module)| (at, Fill::Module(module))).collect();
+            variant(path, &fills, combination, *keep_all)
+        };
+        asked.par_iter().map(made).collect()
     })
 }
 

@@ -47,6 +47,15 @@ pub(crate) fn gpu_trial(name: impl Into<String>, test: impl FnOnce(&Gpu) + Send 
     Trial::test(name, body).with_ignored_flag(skipped)
 }
 
+/// Trials of several subjects, each with its subject before its name.
+pub(crate) fn named<const N: usize>(by_subject: [(&str, Vec<Trial>); N]) -> Vec<Trial> {
+    let with_kind = |(subject, trials): (&str, Vec<Trial>)| {
+        let kind = format!("{subject}, gpu");
+        trials.into_iter().map(move |trial| trial.with_kind(kind.clone())).collect::<Vec<_>>()
+    };
+    by_subject.into_iter().flat_map(with_kind).collect()
+}
+
 /// A test that runs everywhere.
 pub(crate) fn trial(name: impl Into<String>, test: impl FnOnce() + Send + 'static) -> Trial {
     let body = move || -> Result<(), Failed> {

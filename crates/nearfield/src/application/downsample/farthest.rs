@@ -1,7 +1,7 @@
 //! Farthest-point samples (Gonzalez1985, Eldar1997), exactly, over a tree that knows how far each of its boxes can be.
 
 use crate::application::Watch;
-use crate::application::finite_points::FinitePoints;
+use crate::application::finite_points::{FinitePoints, Place};
 use crate::geometry::Scalar;
 use crate::geometry::generate::random::SplitMix64;
 use crate::geometry::vector::Vector;
@@ -11,6 +11,8 @@ use crate::{Error, Result};
 
 /// Samples between two reports.
 const BLOCK: usize = 256;
+/// What is reported.
+pub(super) const STAGE: &str = "farthest points";
 
 /// The first sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -57,39 +59,56 @@ pub fn farthest_points<T: Scalar>(
     watch: &mut Watch<'_>,
 ) -> Result<FarthestPoints<T>> {
     let finite = FinitePoints::of(points)?;
-    let n = finite.points().len();
-    if count > n {
-        let found = format!("{count} of {n} points");
-        return Err(Error::InvalidSetting { setting: "number of samples", found, expected: "at most all points" });
-    }
+    check_count(count, finite.points().len())?;
     if count == 0 {
         return Ok(FarthestPoints { invalid: finite.invalid(), ..FarthestPoints::default() });
     }
     let tree = AabbTreeN::build(finite.points(), &AabbTreeNSettings::default())?;
-    let first = match start {
-        FarthestStart::Seed(seed) => SplitMix64::stream(seed, 0).below(n as u64) as u32,
-        FarthestStart::Index(index) => {
-            (0..n as u32).find(|&i| finite.index(i) == index).ok_or_else(|| Error::InvalidSetting {
-                setting: "first sample",
-                found: index.to_string(),
-                expected: "the index of a point with finite coordinates",
-            })?
-        }
-    };
+    let first = first_sample(start, &finite)?;
     let mut far = Far::new(&tree);
     let (mut taken, mut distances) = (Vec::with_capacity(count), Vec::with_capacity(count));
     let mut next = Candidate { dist2: T::LARGEST, id: first };
     for done in 0..count {
         if done % BLOCK == 0 {
-            watch.report("farthest points", done as u64, count as u64)?;
+            watch.report(STAGE, done as u64, count as u64)?;
         }
         taken.push(next.id);
         distances.push(if done == 0 { T::of(f64::INFINITY) } else { next.dist2.sqrt() });
         far.add(&finite.points()[next.id as usize], next.id);
         next = far.farthest();
     }
-    watch.report("farthest points", count as u64, count as u64)?;
+    watch.report(STAGE, count as u64, count as u64)?;
     Ok(FarthestPoints { indices: finite.renamed(taken, u32::MAX), distances, invalid: finite.invalid() })
+}
+
+/// Refuses more samples than there are points.
+///
+/// # Errors
+/// `InvalidSetting`.
+pub(super) fn check_count(count: usize, n_points: usize) -> Result<()> {
+    if count <= n_points {
+        return Ok(());
+    }
+    let found = format!("{count} of {n_points} points");
+    Err(Error::InvalidSetting { setting: "number of samples", found, expected: "at most all points" })
+}
+
+/// The first sample among the finite points, of which there is one.
+///
+/// # Errors
+/// `InvalidSetting` where it is none of them.
+pub(super) fn first_sample<P: Place>(start: FarthestStart, finite: &FinitePoints<'_, P>) -> Result<u32> {
+    let n = finite.points().len();
+    match start {
+        FarthestStart::Seed(seed) => Ok(SplitMix64::stream(seed, 0).below(n as u64) as u32),
+        FarthestStart::Index(index) => {
+            (0..n as u32).find(|&i| finite.index(i) == index).ok_or_else(|| Error::InvalidSetting {
+                setting: "first sample",
+                found: index.to_string(),
+                expected: "the index of a point with finite coordinates",
+            })
+        }
+    }
 }
 
 /// A point and its squared distance to the samples; below 0 once it is one.

@@ -5,6 +5,8 @@
 //! Points with a NaN or infinite coordinate are never taken, and are told.
 
 mod farthest;
+#[cfg(feature = "gpu")]
+mod farthest_gpu;
 mod heap;
 mod poisson;
 mod voxel;
@@ -12,6 +14,8 @@ mod voxel;
 mod voxel_gpu;
 
 pub use farthest::{FarthestPoints, FarthestStart, farthest_points};
+#[cfg(feature = "gpu")]
+pub use farthest_gpu::farthest_points_on_gpu;
 pub use poisson::{Extent, PoissonDisk, PoissonDiskSettings, poisson_disk};
 pub use voxel::{VoxelOrigin, VoxelPoint, VoxelSettings, Voxels, voxel_downsample};
 #[cfg(feature = "gpu")]

@@ -7,7 +7,8 @@ use super::dfsph::CpuDfsph;
 use super::images::Images;
 use super::neighborhood::Neighborhood;
 use super::pbf::CpuPbf;
-use super::simulate::same_particles;
+use super::reach::Reach;
+use super::simulate::{same_order, same_particles};
 use super::state::State;
 use super::wcsph::CpuWcsph;
 use super::{Measures, ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
@@ -62,8 +63,8 @@ impl Simulation {
     pub fn new(scene: &ParticleScene, settings: &SimulationSettings) -> Result<Self> {
         scene.validate()?;
         settings.validate()?;
-        let (n_classes, reach) = reach_of(&scene.model);
-        let state = State::new(scene, n_classes);
+        let reach = Reach::of(&scene.model);
+        let state = State::new(scene, reach.radii().len());
         let mut classes = state.classes.clone();
         if let Some(last) = classes.last_mut() {
             last.end = state.positions.len();
@@ -144,17 +145,6 @@ impl Simulation {
     }
 }
 
-/// Number of classes, and the distance within which particles of one act on those of another.
-pub(super) fn reach_of(model: &ParticleModel) -> (usize, Vec<Vec<f64>>) {
-    match model {
-        ParticleModel::Dem(dem) => {
-            let reach = |&own: &f64| dem.radii.iter().map(|&other| dem.pair_rule.reach(own, other)).collect();
-            (dem.radii.len(), dem.radii.iter().map(reach).collect())
-        }
-        fluid => (1, vec![vec![fluid.largest_reach()]]),
-    }
-}
-
 impl Simulate for Simulation {
     fn scene(&self) -> &ParticleScene {
         &self.scene
@@ -191,11 +181,21 @@ impl Simulate for Simulation {
     }
 
     fn resume(&mut self, particles: &Particles, step: u64, time: f64) -> Result<()> {
+        let order: Vec<u32> = (0..particles.len() as u32).collect();
+        self.resume_in_order(particles, &order, step, time)
+    }
+
+    fn order(&self) -> Result<Vec<u32>> {
+        Ok(self.state.ids.clone())
+    }
+
+    fn resume_in_order(&mut self, particles: &Particles, order: &[u32], step: u64, time: f64) -> Result<()> {
         let mut scene = self.scene.clone();
         scene.particles.clone_from(particles);
         scene.validate()?;
         same_particles(&self.scene.particles, particles)?;
-        self.state = State::new(&scene, self.state.classes.len());
+        same_order(order, particles.len())?;
+        self.state = State::in_order(&scene, self.state.classes.len(), order.to_vec());
         self.last_good.clone_from(&self.state);
         self.around.forget();
         (self.step, self.time) = (step, time);

@@ -4,6 +4,19 @@ use glam::DVec3;
 
 use super::Dimensions;
 
+/// Most particles of a scene that is made from a description: 2²⁸.
+pub(super) const MOST_PARTICLES: f64 = (1u32 << 28) as f64;
+
+/// About how many places [`fill_box`] gives.
+#[cfg(feature = "io")]
+pub(super) fn places_in(size: DVec3, spacing: f64, dimensions: Dimensions) -> f64 {
+    let cells = (size / spacing).max(DVec3::ZERO);
+    match dimensions {
+        Dimensions::Two => cells.x * cells.y,
+        Dimensions::Three => cells.element_product(),
+    }
+}
+
 /// Places of a cubic lattice that fills a box: each stands for a cell of the spacing's width, and no cell leaves the box. x runs fastest, then
 /// y. In the plane z = 0, whatever the box's z.
 pub fn fill_box(low: DVec3, high: DVec3, spacing: f64, dimensions: Dimensions) -> Vec<DVec3> {

@@ -19,6 +19,7 @@
 //! Sources: Green2010 (grains), Macklin2013 (position-based fluids), Becker2007 and Bender2017 (smoothed particle hydrodynamics),
 //! Akinci2012 (boundaries), Xing2017 §5.2 and §7 (what is measured).
 
+mod checkpoint;
 mod cpu;
 mod dem;
 mod dfsph;
@@ -36,19 +37,27 @@ mod lattice;
 mod measures;
 mod neighborhood;
 mod pbf;
+mod reach;
 mod scene;
+#[cfg(feature = "io")]
+mod scene_file;
 mod scenes;
 mod search;
 mod simulate;
 mod state;
+mod surface;
 mod wcsph;
 
+pub use checkpoint::Checkpoint;
 pub use cpu::Simulation;
 pub use dem::{Collider, DemSettings, PairRule};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
-pub use dem::{DemCollide, DemIntegrate, Sum3};
+pub use dem::{DemCollide, DemIntegrate};
 pub use dfsph::DfsphSettings;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use dfsph::{DfsphFluid, DfsphProgress};
 pub use fluid::{Fluid, SmoothingKernel};
 #[cfg(feature = "gpu")]
 pub use gpu::GpuSimulation;
@@ -68,7 +77,10 @@ pub use measures::Measures;
 pub use pbf::PbfFluid;
 pub use pbf::PbfSettings;
 pub use scene::{Dimensions, MOST_CLASSES, ParticleModel, ParticleScene, Particles, TimeStep};
+#[cfg(feature = "io")]
+pub use scene_file::{parse_particle_scene, read_particle_scene};
 pub use scenes::{BuiltinOptions, FluidModel, builtin_names, builtin_scene};
 pub use search::{ParticleSearch, SimulationSettings};
 pub use simulate::{Simulate, StepReport};
+pub use surface::ParticleSurface;
 pub use wcsph::WcsphSettings;

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::ParticleSearch;
 use super::images::Images;
+use super::reach::Reach;
 use crate::geometry::Period;
 use crate::query::MapRows;
 use crate::structure::{
@@ -28,8 +29,7 @@ pub(super) struct Neighborhood {
     images: Images,
     /// `[n_classes]` of particles that stand one after the other.
     classes: Vec<Range<usize>>,
-    /// `[own class][other class]` the distance within which the other acts.
-    reach: Vec<Vec<f64>>,
+    reach: Reach,
     positions: Vec<Vec3>,
     levels: Vec<Level>,
     rebuilds: u64,
@@ -69,14 +69,13 @@ impl<'a> Row<'a> {
 impl Neighborhood {
     /// Of particles that stand in blocks by class.
     ///
-    /// - `reach`: `[own class][other class]`, none of them 0
     pub(super) fn new(
         search: ParticleSearch,
         deterministic: bool,
         domain: [DVec3; 2],
         images: Images,
         classes: Vec<Range<usize>>,
-        reach: Vec<Vec<f64>>,
+        reach: Reach,
     ) -> Self {
         let middle = 0.5 * (domain[0] + domain[1]);
         let (positions, levels) = (Vec::new(), Vec::new());
@@ -149,11 +148,11 @@ impl Neighborhood {
     fn build_levels(&self) -> Result<Vec<Level>> {
         let n = self.positions.len();
         if self.search == ParticleSearch::MultiLevelGrid {
-            let level = |class: usize| self.build_level(self.classes[class].clone(), |own| self.reach[own][class]);
+            let level =
+                |class: usize| self.build_level(self.classes[class].clone(), |own| self.reach.between(own, class));
             return (0..self.classes.len()).map(level).collect();
         }
-        let largest = |own: usize| self.reach[own].iter().copied().fold(0.0, f64::max);
-        Ok(vec![self.build_level(0..n, largest)?])
+        Ok(vec![self.build_level(0..n, |own| self.reach.farthest(own))?])
     }
 
     /// - `reach`: of a class into the particles of the level

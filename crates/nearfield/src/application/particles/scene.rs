@@ -217,6 +217,9 @@ impl ParticleScene {
         let (n, moving) = (self.particles.len(), &self.particles);
         same_length("velocities of particles", moving.velocities.len(), n)?;
         same_length("classes of particles", moving.classes.len(), n)?;
+        if !moving.densities.is_empty() {
+            same_length("densities of particles", moving.densities.len(), n)?;
+        }
         finite("positions of particles", &moving.positions)?;
         finite("velocities of particles", &moving.velocities)?;
         finite("positions of the boundary", &self.boundary)?;

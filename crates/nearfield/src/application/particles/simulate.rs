@@ -46,6 +46,23 @@ pub trait Simulate: Send {
     /// As [`ParticleScene::validate`] with these particles, and `LengthMismatch` for another number of them. The simulation is then as it
     /// was.
     fn resume(&mut self, particles: &Particles, step: u64, time: f64) -> Result<()>;
+
+    /// `[n]` the indices of the particles in the order in which they are kept; that of the scene where none is known.
+    ///
+    /// # Errors
+    /// As [`Simulate::particles`].
+    fn order(&self) -> Result<Vec<u32>> {
+        Ok((0..self.scene().particles.len() as u32).collect())
+    }
+
+    /// As [`Simulate::resume`], and puts the particles into the order in which they were kept, where sums depend on it.
+    ///
+    /// # Errors
+    /// As [`Simulate::resume`], and `InvalidSetting` for an order that does not have every particle once.
+    fn resume_in_order(&mut self, particles: &Particles, order: &[u32], step: u64, time: f64) -> Result<()> {
+        same_order(order, particles.len())?;
+        self.resume(particles, step, time)
+    }
 }
 
 /// What one step did.
@@ -74,4 +91,16 @@ pub(super) fn same_particles(own: &Particles, other: &Particles) -> Result<()> {
     }
     let (found, expected) = (other.len() as u64, own.len() as u64);
     Err(Error::LengthMismatch { what: "particles to go on from", found, expected })
+}
+
+/// Checks that an order has every particle once.
+pub(super) fn same_order(order: &[u32], n: usize) -> Result<()> {
+    let mut seen = vec![false; n];
+    let is_new = |&&id: &&u32| seen.get_mut(id as usize).is_some_and(|seen| !std::mem::replace(seen, true));
+    let new = order.iter().filter(is_new).count();
+    if new == n && order.len() == n {
+        return Ok(());
+    }
+    let found = format!("{} indices, {new} of them of different particles", order.len());
+    Err(Error::InvalidSetting { setting: "order of particles", found, expected: "every particle once" })
 }

@@ -28,8 +28,12 @@ pub(super) struct State {
 impl State {
     /// The particles of a scene, put into blocks by class.
     pub(super) fn new(scene: &ParticleScene, n_classes: usize) -> Self {
+        Self::in_order(scene, n_classes, (0..scene.particles.len() as u32).collect())
+    }
+
+    /// The particles of a scene, put into blocks by class, within them in this order of their indices.
+    pub(super) fn in_order(scene: &ParticleScene, n_classes: usize, mut ids: Vec<u32>) -> Self {
         let moving = &scene.particles;
-        let mut ids: Vec<u32> = (0..moving.len() as u32).collect();
         ids.sort_by_key(|&id| moving.classes[id as usize]);
         let end_of = |class: usize| ids.partition_point(|&id| usize::from(moving.classes[id as usize]) <= class);
         let start_of = |class: usize| if class == 0 { 0 } else { end_of(class - 1) };

@@ -17,7 +17,7 @@ mod read;
 mod tests;
 mod write;
 
-pub(crate) use read::{read, read_list, read_table};
+pub(crate) use read::{read, read_list, read_npz_list, read_npz_vectors, read_table};
 pub(crate) use write::write_cloud;
 pub use write::{NpyArray, write_npz};
 

@@ -1,6 +1,6 @@
 //! NPY and NPZ bytes to a cloud.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::archive::{self, Entry};
 use super::array::{Array, Layout};
@@ -76,6 +76,41 @@ pub(crate) fn read_table(bytes: &[u8], name: &str, widths: &[u64]) -> Result<Vec
     member.check_size()?;
     check_inflated([member], bytes.len())?;
     member.with_array(columns)
+}
+
+/// The numbers of the list `name` of an archive; `None` where it has no such array.
+///
+/// # Errors
+/// `File` where it is no archive, or the array no list.
+pub(crate) fn read_npz_list(bytes: &[u8], name: &str) -> Result<Option<Vec<f64>>> {
+    let columns = named_columns(bytes, name, &[1], "(n,)")?;
+    Ok(columns.map(|mut columns| columns.swap_remove(0)))
+}
+
+/// The rows of the table `name` of three columns of an archive; `None` where it has no such array.
+///
+/// # Errors
+/// `File` where it is no archive, or the array has another shape.
+pub(crate) fn read_npz_vectors(bytes: &[u8], name: &str) -> Result<Option<Vec<DVec3>>> {
+    let columns = named_columns(bytes, name, &[3], "(n, 3)")?;
+    let row = |columns: &[Vec<f64>], i: usize| DVec3::new(columns[0][i], columns[1][i], columns[2][i]);
+    Ok(columns.map(|columns| (0..columns[0].len()).map(|i| row(&columns, i)).collect()))
+}
+
+fn named_columns(bytes: &[u8], name: &str, widths: &[u64], shape: &str) -> Result<Option<Vec<Vec<f64>>>> {
+    if !bytes.starts_with(b"PK") {
+        return Err(FileError::new(NPZ, Place::Byte(0), "no archive".to_owned(), "an NPZ archive").into());
+    }
+    let members = members(bytes)?;
+    let Some(member) = members.iter().find(|member| member.entry.name == name) else { return Ok(None) };
+    let is_list = widths == [1] && matches!(member.layout.shape[..], [len] if member.layout.is_list(len as usize));
+    if !(is_list || member.layout.has_columns(widths)) {
+        let found = format!("array {name:?} of shape {} and type {}", member.layout.shape_text(), member.layout.dtype);
+        return Err(FileError::new(NPZ, Place::Byte(member.entry.start), found, format!("shape {shape}")).into());
+    }
+    member.check_size()?;
+    check_inflated([member], bytes.len())?;
+    Ok(Some(member.with_array(columns)?))
 }
 
 /// The columns of a table as f64.

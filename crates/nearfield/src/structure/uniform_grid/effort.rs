@@ -29,6 +29,17 @@ impl Balls<'_> {
     }
 }
 
+/// The bounds of [`most`] for a grid that is a part of another structure.
+pub(in crate::structure) fn most_effort(
+    layout: &GridLayout,
+    starts: &[u32],
+    radius: f32,
+    queries: Option<&Aabb>,
+    in_step: u32,
+) -> Effort {
+    most(layout, starts, &Balls { radius, queries }, in_step)
+}
+
 /// Upper bounds for queries with these balls, `in_step` of which are answered together: a loop of theirs goes on until
 /// the last of them is done.
 ///

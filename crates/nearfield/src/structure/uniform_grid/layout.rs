@@ -93,6 +93,13 @@ impl GridLayout {
         }
     }
 
+    /// The same cells with hashed rows and a table of a power of two, whether or not a dense table would be small enough.
+    #[cfg(feature = "gpu")]
+    pub(in crate::structure) fn hashed(self) -> Self {
+        let table_size = (2 * u64::from(self.n_points)).next_power_of_two().min(1 << 31) as u32;
+        Self { hashed: 1, table_size, ..self }
+    }
+
     /// Bits that hold every table entry's number.
     pub fn key_bits(&self) -> u32 {
         32 - (self.table_size - 1).leading_zeros()

@@ -30,6 +30,8 @@ mod validate;
 
 pub use cpu::UniformGrid;
 #[cfg(feature = "gpu")]
+pub(in crate::structure) use effort::most_effort;
+#[cfg(feature = "gpu")]
 pub use gpu::{GpuUniformGrid, GridBuilder};
 pub use layout::GridLayout;
 #[doc(hidden)]

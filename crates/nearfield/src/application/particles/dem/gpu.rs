@@ -58,45 +58,17 @@ pub struct DemCollide {
     pub pair_rule: u32,
     /// 1 where all radii are the same.
     pub one_class: u32,
-    /// 1 for the level where sums start.
-    pub is_first: u32,
-    /// 1 for the level where they end.
-    pub is_last: u32,
     /// Of sums in fixed point.
     pub quantum: f32,
     /// One over it.
     pub inverse_quantum: f32,
-    /// Unused.
-    pub padding_0: u32,
-    /// Unused.
-    pub padding_1: u32,
-}
-
-/// `Sum3` in sum.wesl, byte for byte.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub struct Sum3 {
-    /// As addends come.
-    pub value: [f32; 3],
-    /// Unused.
-    pub padding_0: u32,
-    /// Whole quanta.
-    pub whole: [i32; 3],
-    /// Unused.
-    pub padding_1: u32,
-    /// Fractions of quanta.
-    pub part: [i32; 3],
-    /// Unused.
-    pub padding_2: u32,
 }
 
 /// Grains on a device.
 pub(in crate::application::particles) struct GpuDem {
     integrate: Arc<Pipeline>,
     integration: Buffer<DemIntegrate>,
-    /// `[levels]`.
-    collisions: Vec<Buffer<DemCollide>>,
-    partial: Buffer<Sum3>,
+    collisions: Buffer<DemCollide>,
 }
 
 impl GpuDem {
@@ -105,7 +77,6 @@ impl GpuDem {
         settings: &DemSettings,
         scene: &ParticleScene,
         state: &GpuState,
-        levels: usize,
     ) -> Result<Self> {
         let domain = relative_domain(scene);
         let mut radii = [[0.0; 4]; 2];
@@ -134,16 +105,8 @@ impl GpuDem {
             attraction: settings.attraction as f32,
             pair_rule: PairRule::ALL.iter().position(|&rule| rule == settings.pair_rule).unwrap_or(0) as u32,
             one_class: u32::from(settings.radii.len() == 1),
-            is_first: 1,
-            is_last: 1,
             quantum: quantum as f32,
             inverse_quantum: (1.0 / quantum) as f32,
-            padding_0: 0,
-            padding_1: 0,
-        };
-        let of_level = |level: usize| {
-            let (is_first, is_last) = (u32::from(level == 0), u32::from(level + 1 == levels));
-            gpu.uniform("collisions of grains", &DemCollide { is_first, is_last, ..collide })
         };
         let kernel = Kernel {
             constants: &[("WORKGROUP", WORKGROUP as f64)],
@@ -157,8 +120,7 @@ impl GpuDem {
         Ok(Self {
             integrate: gpu.pipeline(&kernel)?,
             integration: gpu.uniform("motion of grains", &integration)?,
-            collisions: (0..levels).map(of_level).collect::<Result<_>>()?,
-            partial: gpu.buffer("sums between levels", if levels > 1 { state.len() } else { 1 })?,
+            collisions: gpu.uniform("collisions of grains", &collide)?,
         })
     }
 }
@@ -179,15 +141,14 @@ impl GpuModel for GpuDem {
         let visitor = ParticleVisitor {
             module: "package::application::particles::dem::collide",
             features: &[],
-            parameters: &self.collisions,
             bindings: &[
+                (Uniform, (&self.collisions).into()),
                 (Read, (&state.velocities).into()),
                 (ReadWrite, (&state.moved_velocities).into()),
                 (ReadWrite, (&state.neighbors).into()),
             ],
-            partial: Some(&(ReadWrite, (&self.partial).into())),
         };
-        around.record_visit(recorder, state, &visitor)?;
+        around.record_visit(recorder, &visitor)?;
         std::mem::swap(&mut state.velocities, &mut state.moved_velocities);
         Ok(())
     }

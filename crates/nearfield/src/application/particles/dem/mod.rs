@@ -22,7 +22,7 @@ pub(super) use cpu::CpuDem;
 pub(super) use gpu::GpuDem;
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
-pub use gpu::{DemCollide, DemIntegrate, Sum3};
+pub use gpu::{DemCollide, DemIntegrate};
 
 /// Of grains. Numbers in parentheses are those of Green2010, which [`DemSettings::green`] gives.
 #[derive(Debug, Clone, PartialEq)]

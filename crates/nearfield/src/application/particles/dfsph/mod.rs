@@ -1,13 +1,19 @@
 //! Divergence-free smoothed particle hydrodynamics (Bender2017).
 
 mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
 
-use super::Fluid;
-use super::SmoothingKernel;
 use super::scene::{not_negative, positive};
+use super::{Dimensions, Fluid, SmoothingKernel};
 use crate::{Error, Result};
 
 pub(super) use cpu::CpuDfsph;
+#[cfg(feature = "gpu")]
+pub(super) use gpu::GpuDfsph;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::{DfsphFluid, DfsphProgress};
 
 /// Of incompressible fluids.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,4 +60,9 @@ impl DfsphSettings {
         }
         Err(Error::InvalidSetting { setting: "most iterations", found: "0".to_owned(), expected: "1 or more" })
     }
+}
+
+/// Neighbours below which a particle lies at a surface, where divergence is not corrected.
+fn fewest_neighbors(dimensions: Dimensions) -> u32 {
+    if dimensions == Dimensions::Two { 6 } else { 20 }
 }

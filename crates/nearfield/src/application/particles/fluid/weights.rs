@@ -77,7 +77,13 @@ pub(in crate::application::particles) struct Lattice {
     /// Factor of the boundary's volumes with which the density beside a wall is that at rest, where the lattice goes on into a flat wall
     /// of one layer. Some 0.7 in the plane, as in Band2018; without it particles would be pushed from the wall at the start.
     pub(in crate::application::particles) wall: f64,
+    /// Part of a full step of Jacobi's that an iteration for pressures makes. Pressures that alternate as the lattice answers to most are
+    /// answered by more than twice the diagonal, so that full steps would make them grow; this leaves a quarter of what is stable.
+    pub(in crate::application::particles) relaxation: f64,
 }
+
+/// Wave numbers along each axis at which a lattice's answer is looked at.
+const WAVES: u32 = 16;
 
 impl Lattice {
     pub(in crate::application::particles) fn new(
@@ -100,8 +106,36 @@ impl Lattice {
         let volume = 1.0 / (layer(0) + 2.0 * on_one_side);
         // Of the side that is missing, a wall of one layer with volumes 1 / Σ W has its nearest layer only.
         let wall = volume * on_one_side * layer(0) / layer(1);
-        Self { volume, wall }
+        Self { volume, wall, relaxation: relaxation(fluid, smoothing, dimensions, reach) }
     }
+}
+
+/// 3/2 by the largest eigenvalue of the pressures' equations in parts of their diagonal. A wave of pressures exp(i k·x) moves particles by
+/// s = Σ sin(k·x) ∇W and is answered by |s|², the diagonal is Σ |∇W|².
+fn relaxation(fluid: &Fluid, smoothing: SmoothingKernel, dimensions: Dimensions, reach: i32) -> f64 {
+    let flat = dimensions == Dimensions::Two;
+    let across = if flat { 0..=0 } else { -reach..=reach };
+    let mut gradients = Vec::new();
+    for z in across {
+        for (x, y) in (-reach..=reach).flat_map(|x| (-reach..=reach).map(move |y| (x, y))) {
+            let place = DVec3::new(x.into(), y.into(), z.into());
+            let distance = place.length();
+            if distance > 0.0 {
+                gradients.push((place, smoothing.slope(distance * fluid.spacing / fluid.support) / distance * place));
+            }
+        }
+    }
+    let diagonal: f64 = gradients.iter().map(|(_, gradient)| gradient.length_squared()).sum();
+    let mut largest = diagonal;
+    // By symmetry k.x ≥ k.y ≥ k.z ≥ 0 is enough.
+    for x in 0..=WAVES {
+        for (y, z) in (0..=x).flat_map(|y| (0..=if flat { 0 } else { y }).map(move |z| (y, z))) {
+            let wave = std::f64::consts::PI / f64::from(WAVES) * DVec3::new(x.into(), y.into(), z.into());
+            let moved: DVec3 = gradients.iter().map(|(place, gradient)| wave.dot(*place).sin() * *gradient).sum();
+            largest = largest.max(moved.length_squared());
+        }
+    }
+    (1.5 * diagonal / largest).min(1.0)
 }
 
 #[cfg(test)]
@@ -119,5 +153,9 @@ mod tests {
         let beside_a_wall = lattice.volume * norm * (own + next) + lattice.wall / own * next;
         assert!((beside_a_wall - 1.0).abs() < 1e-14, "{beside_a_wall}");
         assert!((lattice.wall - 0.7).abs() < 0.05, "{}", lattice.wall);
+        // A wave k = (π/2, 0) meets ∇W of four pairs: 2 (W′(½) + √2 W′(√½)) along x, where the diagonal is 4 (W′(½)² + W′(√½)²).
+        let (near, far) = (-1.5, -6.0 * (1.0 - 0.5f64.sqrt()).powi(2));
+        let of_wave = (2.0 * (near + 2.0f64.sqrt() * far)).powi(2) / (4.0 * (near * near + far * far));
+        assert!(lattice.relaxation <= 1.5 / of_wave && lattice.relaxation > 0.5, "{}", lattice.relaxation);
     }
 }

@@ -12,6 +12,7 @@ use crate::application::particles::gpu_neighborhood::{GpuNeighborhood, ParticleV
 use crate::application::particles::gpu_state::{GpuState, WORKGROUP};
 use crate::application::particles::images::Images;
 use crate::application::particles::neighborhood::Neighborhood;
+use crate::application::particles::reach::Reach;
 use crate::application::particles::state::State;
 use crate::application::particles::{ParticleScene, ParticleSearch};
 use crate::gpu::{Access, Bind, Buffer, Gpu, Kernel, Pipeline, Workgroups};
@@ -57,8 +58,7 @@ pub(in crate::application::particles) struct GpuPbf {
     gpu: Gpu,
     settings: PbfSettings,
     signals: [f64; 2],
-    /// One, as visitors take them a level.
-    fluid: [Buffer<PbfFluid>; 1],
+    fluid: Buffer<PbfFluid>,
     predict: Arc<Pipeline>,
     settle: Arc<Pipeline>,
     sum_compressions: Arc<Pipeline>,
@@ -112,7 +112,7 @@ impl GpuPbf {
         Ok(Self {
             settings: *settings,
             signals: stable_way(settings, scene),
-            fluid: [gpu.uniform("position-based fluid", &fluid)?],
+            fluid: gpu.uniform("position-based fluid", &fluid)?,
             predict: kernel("predict", &[Uniform, Read, ReadWrite, ReadWrite, ReadWrite])?,
             settle: kernel("settle", &[Uniform, Read, ReadWrite])?,
             sum_compressions: gpu.pipeline(&sums)?,
@@ -130,14 +130,13 @@ impl GpuPbf {
     fn visit(
         &self,
         recorder: &mut Recorder,
-        state: &GpuState,
         around: &GpuNeighborhood,
         module: &'static str,
         features: &[(&str, bool)],
         bindings: &[(Access, Bind)],
     ) -> Result<()> {
-        let visitor = ParticleVisitor { module, features, parameters: &self.fluid, bindings, partial: None };
-        around.record_visit(recorder, state, &visitor)
+        let bindings = [&[(Uniform, (&self.fluid).into())], bindings].concat();
+        around.record_visit(recorder, &ParticleVisitor { module, features, bindings: &bindings })
     }
 
     /// Records λ of all, or the densities at the end.
@@ -162,18 +161,18 @@ impl GpuPbf {
         }
         recorder.commands().stage("constrain");
         let module = "package::application::particles::pbf::lambda";
-        self.visit(recorder, state, around, module, &[("last", clock.is_some())], &bindings)
+        self.visit(recorder, around, module, &[("last", clock.is_some())], &bindings)
     }
 
-    fn displace(&self, recorder: &mut Recorder, state: &GpuState, around: &GpuNeighborhood) -> Result<()> {
+    fn displace(&self, recorder: &mut Recorder, around: &GpuNeighborhood) -> Result<()> {
         recorder.commands().stage("displace");
         let bindings = [(Read, (&self.constrained).into()), (ReadWrite, (&self.places).into())];
-        self.visit(recorder, state, around, "package::application::particles::pbf::displace", &[], &bindings)
+        self.visit(recorder, around, "package::application::particles::pbf::displace", &[], &bindings)
     }
 
     /// Mean compression as the last constraints found it, read back.
     fn mean_compression(&self, recorder: &mut Recorder, state: &GpuState) -> Result<f64> {
-        let binds = [(&self.fluid[0]).into(), (&state.densities).into(), (&self.parts).into()];
+        let binds = [(&self.fluid).into(), (&state.densities).into(), (&self.parts).into()];
         let covering = Workgroups::Covering(state.n_moving as u64);
         recorder.commands().stage("compression").dispatch(&self.sum_compressions, &binds, covering);
         recorder.submit()?;
@@ -194,16 +193,16 @@ impl GpuPbf {
             recorder.commands().stage("vorticity");
             let velocities = (&state.velocities).into();
             let bindings = [constrained(), (Read, velocities), (Read, clock.into()), (ReadWrite, (&self.curls).into())];
-            self.visit(recorder, state, around, "package::application::particles::pbf::curl", &[], &bindings)?;
+            self.visit(recorder, around, "package::application::particles::pbf::curl", &[], &bindings)?;
             let velocities = (&state.velocities).into();
             let bindings = [constrained(), (Read, (&self.curls).into()), (Read, clock.into()), (ReadWrite, velocities)];
-            self.visit(recorder, state, around, "package::application::particles::pbf::confine", &[], &bindings)?;
+            self.visit(recorder, around, "package::application::particles::pbf::confine", &[], &bindings)?;
         }
         if self.settings.xsph > 0.0 {
             recorder.commands().stage("viscosity");
             let (from, to) = ((&state.velocities).into(), (&state.moved_velocities).into());
             let bindings = [constrained(), (Read, from), (Read, clock.into()), (ReadWrite, to)];
-            self.visit(recorder, state, around, "package::application::particles::pbf::average", &[], &bindings)?;
+            self.visit(recorder, around, "package::application::particles::pbf::average", &[], &bindings)?;
             std::mem::swap(&mut state.velocities, &mut state.moved_velocities);
         }
         Ok(())
@@ -224,7 +223,7 @@ fn places(
         return Ok(places);
     }
     let alone = State { positions: scene.boundary.clone(), ..State::default() };
-    let (images, reach) = (Images::new(scene.domain, scene.periodic), vec![vec![rest.support]]);
+    let (images, reach) = (Images::new(scene.domain, scene.periodic), Reach::one(rest.support));
     let classes = std::iter::once(0..alone.positions.len()).collect();
     let mut around = Neighborhood::new(ParticleSearch::UniformGrid, true, scene.domain, images, classes, reach);
     around.follow(&alone.positions)?;
@@ -246,7 +245,7 @@ impl GpuModel for GpuPbf {
         clock: &Buffer<ParticleClock>,
     ) -> Result<()> {
         let covering = || Workgroups::Covering(state.n_moving as u64);
-        let fluid = || (&self.fluid[0]).into();
+        let fluid = || (&self.fluid).into();
         let motion =
             [fluid(), clock.into(), (&state.positions).into(), (&state.velocities).into(), (&self.places).into()];
         recorder.commands().stage("predict").dispatch(&self.predict, &motion, covering());
@@ -259,7 +258,7 @@ impl GpuModel for GpuPbf {
             {
                 break;
             }
-            self.displace(recorder, state, around)?;
+            self.displace(recorder, around)?;
             iterations += 1;
         }
         self.constrain(recorder, state, around, Some(clock))?;

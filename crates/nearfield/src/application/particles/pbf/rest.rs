@@ -37,7 +37,7 @@ impl AtRest {
         let support = fluid.support;
         let value_norm = SmoothingKernel::Poly6.norm(dimensions, support);
         let slope_norm = SmoothingKernel::Spiky.norm(dimensions, support) / support;
-        let Lattice { volume, wall } = Lattice::new(fluid, SmoothingKernel::Poly6, dimensions);
+        let Lattice { volume, wall, .. } = Lattice::new(fluid, SmoothingKernel::Poly6, dimensions);
         let mut rest = Self {
             support,
             rest_density: fluid.rest_density,

@@ -65,11 +65,10 @@ fn radius_of(particles: u32) -> f64 {
 
 /// The side of the smallest cube of so many places.
 fn cube_side(count: u32) -> u32 {
-    (1..).find(|side: &u32| side.pow(3) >= count).unwrap_or(1)
+    (1..).find(|&side: &u32| u64::from(side).pow(3) >= u64::from(count)).unwrap_or(1)
 }
 
-/// The first `count` places of a lattice of touching grains, from the origin on: x fastest, then y in rows of `nx` and `ny` places in [`dem_box`],
-/// while beds are filled from the floor up.
+/// The first `count` places of a lattice of touching grains, from the origin up: x fastest, then z, in rows of `nx` and `nz` places.
 fn lattice(count: u32, nx: u32, nz: u32, radius: f64) -> impl Iterator<Item = DVec3> {
     (0..count).map(move |i| {
         let cell = DVec3::new(f64::from(i % nx), f64::from(i / nx / nz), f64::from(i / nx % nz));

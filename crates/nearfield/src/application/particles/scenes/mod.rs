@@ -7,6 +7,7 @@ mod radii;
 use std::fmt;
 use std::str::FromStr;
 
+use super::lattice::MOST_PARTICLES;
 use super::{Dimensions, PairRule, ParticleScene};
 use crate::{Error, Result};
 
@@ -83,7 +84,7 @@ pub fn builtin_names() -> &'static [&'static str] {
 /// | `double-dam` | two such columns, half as high, at both ends | 16,000 |
 /// | `drop` | a ball of fluid above a basin | 16,000 |
 /// | `column` | a column at rest, 1 m high, that fills its tank from wall to wall | 4,096 |
-/// | `accel-fluid` | a block that falls apart in a domain of side 1, the fluid of Accel2017 | 10,000 |
+/// | `accel-fluid` | a block that falls apart in a domain of side 1, the fluid of Accel | 10,000 |
 /// | `dem-box` | grains of Green2010 in a box of side 2, exactly its start | 16,384 |
 /// | `paper-fig18` | grains, half of them as a bed and half as a block that falls into it, after figure 18 of Xing2017 | 50,000 |
 /// | `paper-fig20` | grains of three radii, after figure 20 of Xing2017 | 30,000 |
@@ -113,8 +114,8 @@ pub fn builtin_scene(name: &str, options: &BuiltinOptions) -> Result<ParticleSce
     if let Some(radius) = options.radius.filter(|_| name != "paper-fig20") {
         return refuse("radius", radius.to_string(), "none: only paper-fig20 has a choice");
     }
-    if options.particles == Some(0) {
-        return refuse("particles", "0".to_owned(), "1 or more");
+    if let Some(particles) = options.particles.filter(|&n| n == 0 || f64::from(n) > MOST_PARTICLES) {
+        return refuse("particles", particles.to_string(), "1 or more, and at most 2^28");
     }
     match name {
         "dem-box" => Ok(grains::dem_box(options.particles.unwrap_or(16_384))),

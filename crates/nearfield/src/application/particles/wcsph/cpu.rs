@@ -117,22 +117,23 @@ impl Sums<'_> {
         for (j, offset, distance) in weights.neighbors(self.positions, i, row) {
             pushed.neighbors += 1;
             let slope = weights.slope(distance);
-            let Some(other) = self.flows.get(j) else {
+            let other = self.flows.get(j);
+            let relative = other.map_or(own.velocity, |other| own.velocity - other.velocity);
+            let approach = relative.dot(offset);
+            let mean_density = other.map_or(own.density, |other| 0.5 * (own.density + other.density));
+            let mut along = 0.0;
+            if approach < 0.0 {
+                along = -artificial * approach / ((distance * distance + softening) * mean_density);
+            }
+            let Some(other) = other else {
                 // A wall has the pressure that the fluid beside it has, more by what lies deeper, and it never pulls.
                 let deeper = -own.density * gravity.dot(offset);
                 let volume = self.boundary[j - self.flows.len()];
-                let pressures = (2.0 * own.pressure + deeper).max(0.0);
-                pushed.acceleration -= volume * pressures * own.inverse * slope * offset;
-                pushed.acceleration += volume * 2.0 * settings.viscosity * slope * own.velocity;
+                along = along * own.density + (2.0 * own.pressure + deeper).max(0.0) * own.inverse;
+                pushed.acceleration += volume * slope * (2.0 * settings.viscosity * relative - along * offset);
                 continue;
             };
-            let relative = own.velocity - other.velocity;
-            let mut along = (own.pressure + other.pressure) * own.inverse * other.inverse;
-            let approach = relative.dot(offset);
-            if approach < 0.0 {
-                along -=
-                    2.0 * artificial * approach / ((distance * distance + softening) * (own.density + other.density));
-            }
+            along += (own.pressure + other.pressure) * own.inverse * other.inverse;
             let viscous = settings.viscosity * (own.inverse + other.inverse);
             pushed.acceleration += mass * slope * (viscous * relative - along * offset);
         }

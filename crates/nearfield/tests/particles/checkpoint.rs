@@ -1,0 +1,115 @@
+//! Simulations that are saved and go on are those that were never interrupted.
+
+use libtest_mimic::Trial;
+use nearfield::Error;
+use nearfield::application::Watch;
+use nearfield::application::particles::{
+    BuiltinOptions, Checkpoint, FluidModel, ParticleScene, ParticleSearch, Simulate, Simulation, SimulationSettings,
+    builtin_scene,
+};
+
+use crate::support::trial;
+
+pub(crate) fn trials() -> Vec<Trial> {
+    vec![
+        trial("a_simulation_goes_on_from_a_file_bit_by_bit", goes_on),
+        trial("damaged_checkpoints_are_errors", damaged_files),
+        trial("checkpoints_of_other_scenes_are_errors", other_scenes),
+    ]
+}
+
+/// A new order after so many steps, and steps before and after the interruption: it lies between two orders.
+const REORDER_EVERY: u32 = 4;
+const BEFORE: u32 = 6;
+const AFTER: u32 = 7;
+
+fn path(name: &str) -> std::path::PathBuf {
+    std::env::temp_dir().join(format!("nearfield-checkpoint-{name}-{}.npz", std::process::id()))
+}
+
+fn scenes() -> Vec<(String, ParticleScene)> {
+    let of = |name: &str, model: Option<FluidModel>| {
+        let options = BuiltinOptions { particles: Some(1000), model, ..BuiltinOptions::default() };
+        (format!("{name}-{model:?}"), builtin_scene(name, &options).expect("a built-in scene"))
+    };
+    let mut scenes = vec![of("dem-box", None), of("paper-fig20", None)];
+    scenes.extend([FluidModel::Pbf, FluidModel::Wcsph].map(|model| of("drop", Some(model))));
+    scenes
+}
+
+fn goes_on() {
+    let searches = [(ParticleSearch::UniformGrid, false), (ParticleSearch::MultiLevelGrid, true)];
+    for ((name, scene), (search, deterministic)) in scenes().into_iter().flat_map(|s| searches.map(|t| (s.clone(), t)))
+    {
+        let settings =
+            SimulationSettings { search, deterministic, reorder_every: REORDER_EVERY, ..SimulationSettings::default() };
+        let start = || Simulation::new(&scene, &settings).expect("a scene that can be simulated");
+        let mut whole = start();
+        whole.advance(BEFORE + AFTER, &mut Watch::none()).expect("steps");
+
+        let mut first = start();
+        first.advance(BEFORE, &mut Watch::none()).expect("steps");
+        let saved = Checkpoint::of(&first).expect("a checkpoint");
+        let path = path(&name);
+        saved.write(&path, true).expect("a file");
+        let read = Checkpoint::read(&path).expect("the same file");
+        std::fs::remove_file(&path).expect("the file");
+        assert_eq!(read, saved, "{name}");
+        // The order of the scene is not that of the simulation, or nothing would be tested.
+        assert!(!read.order.is_sorted(), "{name}");
+        let mut second = start();
+        read.resume(&mut second).expect("particles of the same scene");
+        assert_eq!((second.step(), second.time()), (first.step(), first.time()));
+        second.advance(AFTER, &mut Watch::none()).expect("steps");
+
+        let (expected, found) = (whole.particles().expect("particles"), second.particles().expect("particles"));
+        assert_eq!(found, expected, "{name}, {search}");
+        assert_eq!((second.step(), second.time()), (whole.step(), whole.time()));
+    }
+}
+
+fn damaged_files() {
+    let (_, scene) = scenes().swap_remove(0);
+    let simulation = Simulation::new(&scene, &SimulationSettings::default()).expect("a scene");
+    let path = path("damaged");
+    Checkpoint::of(&simulation).expect("a checkpoint").write(&path, true).expect("a file");
+    let exists = Checkpoint::of(&simulation).expect("a checkpoint").write(&path, false);
+    assert!(matches!(exists, Err(Error::Io { .. })), "{exists:?}");
+    let bytes = std::fs::read(&path).expect("the file");
+    std::fs::remove_file(&path).expect("the file");
+    for length in [0, 1, 100, bytes.len() / 2, bytes.len() - 1] {
+        assert!(matches!(Checkpoint::parse(&bytes[..length]), Err(Error::File(_))), "{length} bytes");
+    }
+    let missing = Checkpoint::read(&path);
+    assert!(matches!(missing, Err(Error::Io { .. })), "{missing:?}");
+    // Steps that are no whole number, an order that is no index, a time that is none.
+    let sound = Checkpoint::parse(&bytes).expect("a sound file");
+    assert!(Checkpoint::parse(b"PK no archive").is_err());
+    for wrong in [
+        Checkpoint { time: f64::NAN, ..sound.clone() },
+        Checkpoint { time: -1.0, ..sound.clone() },
+        Checkpoint { order: vec![u32::MAX; sound.order.len()], ..sound.clone() },
+        Checkpoint { order: vec![0; 3], ..sound.clone() },
+    ] {
+        wrong.write(&path, true).expect("a file");
+        let error = Checkpoint::read(&path).expect_err("a wrong checkpoint");
+        assert!(matches!(error, Error::File(_)), "{error}");
+        std::fs::remove_file(&path).expect("the file");
+    }
+}
+
+fn other_scenes() {
+    let scenes = scenes();
+    let settings = SimulationSettings::default();
+    let mut simulation = Simulation::new(&scenes[0].1, &settings).expect("a scene");
+    let before = simulation.particles().expect("particles");
+    let saved = Checkpoint::of(&simulation).expect("a checkpoint");
+    let other = Checkpoint::of(&Simulation::new(&scenes[2].1, &settings).expect("a scene")).expect("a checkpoint");
+    assert!(other.resume(&mut simulation).is_err());
+    // Every particle twice or none is no order.
+    let mut twice = saved.clone();
+    twice.order[0] = twice.order[1];
+    let error = twice.resume(&mut simulation).expect_err("an order with a gap");
+    assert!(matches!(error, Error::InvalidSetting { setting: "order of particles", .. }), "{error}");
+    assert_eq!(simulation.particles().expect("particles"), before);
+}
