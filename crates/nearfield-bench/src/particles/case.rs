@@ -185,7 +185,7 @@ pub fn all(
             let mut shared = Shared::default();
             for &search in searches {
                 let way = Way { search, on_gpu };
-                let seconds = pace.next();
+                let seconds = pace.next_share();
                 sheet.attempt(case.row(lab, on_gpu, way.name()), || {
                     let (row, timed) = case.time(lab, way, seconds, &mut shared)?;
                     finish(case, way, row, &timed)
