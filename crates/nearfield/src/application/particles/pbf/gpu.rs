@@ -219,15 +219,7 @@ fn places(
     if scene.boundary.is_empty() {
         return Ok(places);
     }
-<<<<<<< HEAD
     let (alone, around) = boundary_alone(scene, rest.support)?;
-=======
-    let alone = State { positions: scene.boundary.clone(), ..State::default() };
-    let (images, reach) = (Images::new(scene.domain, scene.periodic), Reach::one(rest.support));
-    let classes = std::iter::once(0..alone.positions.len()).collect();
-    let mut around = Neighborhood::new(ParticleSearch::UniformGrid, true, scene.domain, images, classes, reach);
-    around.follow(&alone.positions)?;
->>>>>>> h-pbf
     let volumes = boundary_volumes(settings, rest, scene.dimensions, &alone, &around)?;
     // Places as the device has them, to the bit.
     let positions = gpu.read_range(&state.positions, state.n_moving..state.len())?;
