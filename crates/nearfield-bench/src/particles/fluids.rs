@@ -1,4 +1,4 @@
-//! Fluids by every model with a million particles, and the fluid of Accel2017 by its grid and by brute force.
+//! Fluids by every model with a million particles, and the fluid of Accel by its grid and by brute force.
 
 use nearfield::application::particles::{BuiltinOptions, FluidModel, ParticleSearch, builtin_scene};
 
