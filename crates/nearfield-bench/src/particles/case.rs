@@ -61,7 +61,7 @@ impl<'a> Pace<'a> {
     }
 
     /// Seconds of the next row.
-    pub fn next(&mut self) -> f64 {
+    pub fn next_share(&mut self) -> f64 {
         let seconds = self.lab.left().max(0.0) / self.rows.max(1) as f64;
         self.rows = self.rows.saturating_sub(1);
         seconds.min(self.largest_share * self.lab.budget)
@@ -185,7 +185,7 @@ pub fn all(
             let mut shared = Shared::default();
             for &search in searches {
                 let way = Way { search, on_gpu };
-                let seconds = pace.next();
+                let seconds = pace.next_share();
                 sheet.attempt(case.row(lab, on_gpu, way.name()), || {
                     let (row, timed) = case.time(lab, way, seconds, &mut shared)?;
                     finish(case, way, row, &timed)

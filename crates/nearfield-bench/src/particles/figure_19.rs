@@ -42,7 +42,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
         let mut series = Vec::new();
         for search in SEARCHES {
             let way = Way { search, on_gpu };
-            let seconds = pace.next();
+            let seconds = pace.next_share();
             let row = case.row(lab, on_gpu, way.name());
             sheet.attempt(row.clone(), || {
                 let times = timing::each_step(lab, way, &case.scene, case.steps, 0.8 * seconds)?;

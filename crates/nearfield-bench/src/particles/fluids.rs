@@ -1,4 +1,4 @@
-//! Fluids by every model with a million particles, and the fluid of Accel2017 by its grid and by brute force.
+//! Fluids by every model with a million particles, and the fluid of Accel by its grid and by brute force.
 
 use nearfield::application::particles::{BuiltinOptions, FluidModel, ParticleSearch, builtin_scene};
 
@@ -34,7 +34,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
         for model in FluidModel::ALL {
             let case = of_model(lab, "dam-break", model, PARTICLES)?;
             for search in SEARCHES {
-                let (way, seconds) = (Way { search, on_gpu }, pace.next());
+                let (way, seconds) = (Way { search, on_gpu }, pace.next_share());
                 let row = case.row(lab, on_gpu, way.name());
                 sheet.attempt(row.clone(), || Ok(vec![run(lab, &case, way, seconds, row)?.0]))?;
             }
@@ -45,7 +45,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
             for (search, frames) in
                 [ParticleSearch::BruteForce, ParticleSearch::UniformGrid].into_iter().zip(ACCEL_FRAMES)
             {
-                let (way, seconds) = (Way { search, on_gpu }, pace.next());
+                let (way, seconds) = (Way { search, on_gpu }, pace.next_share());
                 let row = case.row(lab, on_gpu, way.name());
                 sheet.attempt(row.clone(), || {
                     let (row, timed) = run(lab, &case, way, seconds, row)?;

@@ -36,7 +36,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
         };
         let mut shared = Shared::default();
         for &search in &searches {
-            let (way, seconds) = (Way { search, on_gpu }, pace.next());
+            let (way, seconds) = (Way { search, on_gpu }, pace.next_share());
             sheet.attempt(case.row(lab, on_gpu, way.name()), || {
                 let (row, timed) = case.time(lab, way, seconds, &mut shared)?;
                 let mut rows = vec![row.clone()];

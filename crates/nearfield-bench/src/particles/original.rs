@@ -1,4 +1,4 @@
-//! The figures of sections 5.2 and 7 of Xing2017 on particles: steps a second on a GeForce GTX 660 Ti (3 GB); and what Accel2017 and the
+//! The figures of sections 5.2 and 7 of Xing2017 on particles: steps a second on a GeForce GTX 660 Ti (3 GB); and what Accel and the
 //! field say about others.
 
 use nearfield::application::particles::ParticleSearch;
@@ -55,7 +55,7 @@ pub const FIGURE_20: [BySmallestRadius; 3] = [
 /// Particles of figure 20.
 pub const FIGURE_20_PARTICLES: usize = 30_000;
 
-/// Frames a second of the fluid of Accel2017 by brute force and by its grid; it does not say with how many particles.
+/// Frames a second of the fluid of Accel by brute force and by its grid; it does not say with how many particles.
 pub const ACCEL_FRAMES: [f64; 2] = [30.0, 40.0];
 
 impl ByParticles {

@@ -3,6 +3,7 @@
 mod checkpoint;
 mod dem;
 mod dem_gpu;
+mod dfsph_gpu;
 mod pbf;
 mod pbf_gpu;
 mod pbf_reference;
@@ -24,5 +25,6 @@ fn main() {
     trials.extend(pbf::trials());
     trials.extend(pbf_gpu::trials());
     trials.extend(sph::trials());
+    trials.extend(dfsph_gpu::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -348,7 +348,8 @@ fn steps_may_be_tiny() {
 }
 
 fn settings_that_cannot_be_are_errors_by_name() {
-    let changes: [(&str, fn(&mut PbfSettings)); 11] = [
+    type Change = fn(&mut PbfSettings);
+    let changes: [(&str, Change); 11] = [
         ("spacing of the fluid", |s| s.fluid.spacing = -0.1),
         ("support of the fluid", |s| s.fluid.support = f64::NAN),
         ("support of the fluid", |s| s.fluid.support = 20.0 * SPACING),

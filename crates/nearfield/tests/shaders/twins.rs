@@ -5,8 +5,8 @@ use std::mem::offset_of;
 
 use nearfield::application::mls::{ConcludeParameters, FitParameters, FitState, IterationSums, PointPlace};
 use nearfield::application::particles::{
-    DemCollide, DemIntegrate, ParticleBlock, ParticleClock, ParticleDrift, ParticleInspection, ParticlePart,
-    ParticleRecord, PbfFluid,
+    DemCollide, DemIntegrate, DfsphFluid, DfsphProgress, ParticleBlock, ParticleClock, ParticleDrift,
+    ParticleInspection, ParticlePart, ParticleRecord, PbfFluid,
 };
 use nearfield::application::wlop::{AdvanceParameters, DensityParameters, PairParameters, Pull, Record, RecordPart};
 use nearfield::application::{
@@ -198,6 +198,22 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         quantum,
         inverse_quantum
     });
+    let dfsph = layout_of!(DfsphFluid {
+        gravity,
+        n_particles,
+        support,
+        inverse_support,
+        volume_factor,
+        relaxation,
+        rest_density,
+        viscosity,
+        xsph,
+        fewest_neighbors,
+        divergence_tolerance,
+        density_tolerance,
+        most_iterations,
+        n_parts
+    });
     let contour =
         layout_of!(ContourParameters { corner, spacing, nodes, n_nodes, level, two_sided, threshold, n_cells });
     BTreeMap::from([
@@ -252,6 +268,7 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
             layout_of!(DemIntegrate { gravity, n_particles, low, global_damping, high, wall_damping, radii }),
         ),
         ("DemCollide", collide),
+        ("DfsphFluid", dfsph),
         (
             "PbfFluid",
             layout_of!(PbfFluid {
@@ -321,6 +338,7 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
         ),
     ];
     let particles = [
+        ("DfsphProgress", layout_of!(DfsphProgress { iterations, is_done, mean, largest })),
         ("ParticleClock", layout_of!(ParticleClock { time_step, time, made, padding })),
         ("ParticlePart", layout_of!(ParticlePart { neighbors, max_speed2, compression, max_compression, first_bad })),
         (

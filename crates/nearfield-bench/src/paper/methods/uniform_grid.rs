@@ -1,4 +1,4 @@
-//! The uniform grid, the paper's voxels: built anew in every step. Source of the idea in the paper: Green2012.
+//! The uniform grid, the paper's voxels: built anew in every step. Source of the idea in the paper: Green2010.
 
 use nearfield::gpu::{Buffer, Gpu};
 use nearfield::structure::{DevicePoint, GridBuilder};

@@ -7,6 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 use super::dem::GpuDem;
+use super::dfsph::GpuDfsph;
 use super::gpu_neighborhood::{GpuNeighborhood, Recorder};
 use super::gpu_state::{GpuState, WORKGROUP};
 use super::pbf::GpuPbf;
@@ -145,6 +146,11 @@ pub(super) trait GpuModel: Send {
     fn iterations(&self) -> u32 {
         0
     }
+
+    /// Mean and largest compression as the last step's solver left it, where that is not what the densities say.
+    fn density_error(&self) -> Option<[f64; 2]> {
+        None
+    }
 }
 
 /// A simulation on a device, in single precision. Steps are recorded and submitted in batches of up to 64; nothing but their reports, and what the
@@ -191,6 +197,7 @@ impl GpuSimulation {
         let model: Box<dyn GpuModel> = match &scene.model {
             ParticleModel::Dem(dem) => Box::new(GpuDem::new(gpu, dem, scene, &state)?),
             ParticleModel::Pbf(pbf) => Box::new(GpuPbf::new(gpu, pbf, scene, &state)?),
+            ParticleModel::Dfsph(dfsph) => Box::new(GpuDfsph::new(gpu, dfsph, scene, &state)?),
             other => {
                 let what = format!("the model {} on a GPU", other.name());
                 return Err(Error::Unsupported { what, advice: "use the CPU" });
@@ -287,7 +294,8 @@ impl GpuSimulation {
         let mut record = |simulation: &mut Self, recorder: &mut Recorder| {
             let before = simulation.around.rebuilds();
             simulation.record(recorder)?;
-            built.push(((simulation.around.rebuilds() - before) as u32, simulation.model.iterations()));
+            let rebuilds = (simulation.around.rebuilds() - before) as u32;
+            built.push((rebuilds, simulation.model.iterations(), simulation.model.density_error()));
             Ok(())
         };
         let recorded = if self.around.can_repeat() && self.model.can_repeat() && n >= PERIOD {
@@ -314,13 +322,16 @@ impl GpuSimulation {
             return Err(error);
         }
         let per_particle = 1.0 / self.state.n_moving.max(1) as f64;
-        let report = |(i, (record, &(rebuilds, iterations))): (usize, (&ParticleRecord, &(u32, u32)))| StepReport {
+        let report = |(i, (record, &(rebuilds, iterations, solved))): (usize, (&ParticleRecord, &_))| StepReport {
             step: self.step + 1 + i as u64,
             time: self.time + f64::from(record.time),
             time_step: record.time_step.into(),
             mean_neighbors: f64::from(record.neighbors) * per_particle,
             iterations,
-            density_error: [f64::from(record.compression) * per_particle, record.max_compression.into()],
+            density_error: Option::unwrap_or(
+                solved,
+                [f64::from(record.compression) * per_particle, record.max_compression.into()],
+            ),
             rebuilds,
         };
         let reports: Vec<StepReport> = records[..made].iter().zip(&built).enumerate().map(report).collect();

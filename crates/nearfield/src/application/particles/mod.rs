@@ -55,6 +55,9 @@ pub use dem::{Collider, DemSettings, PairRule};
 #[doc(hidden)]
 pub use dem::{DemCollide, DemIntegrate};
 pub use dfsph::DfsphSettings;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use dfsph::{DfsphFluid, DfsphProgress};
 pub use fluid::{Fluid, SmoothingKernel};
 #[cfg(feature = "gpu")]
 pub use gpu::GpuSimulation;

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::DfsphSettings;
+use super::{DfsphSettings, fewest_neighbors};
 use crate::Result;
 use crate::application::particles::cpu::{CpuModel, StepDone};
 use crate::application::particles::fluid::{Lattice, Weights, density_error, masses};
@@ -68,7 +68,7 @@ impl CpuDfsph {
             dimensions: scene.dimensions,
             lattice: Lattice::new(&settings.fluid, settings.smoothing, scene.dimensions),
             gravity: scene.gravity,
-            fewest_neighbors: if scene.dimensions == Dimensions::Two { 6 } else { 20 },
+            fewest_neighbors: fewest_neighbors(scene.dimensions),
             boundary: None,
         }
     }

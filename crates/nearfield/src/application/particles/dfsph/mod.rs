@@ -1,13 +1,33 @@
 //! Divergence-free smoothed particle hydrodynamics (Bender2017).
+//!
+//! In each step, all with the neighbours at its start: velocities are freed of divergence that compresses, gravity and viscosities act,
+//! velocities are corrected until the density at the end of the step is nowhere above that at rest, and particles move. Both solvers
+//! iterate κᵢ / ρᵢ = ω (what is too much) / (Δt² (|Σ V ∇W|² + Σ |V ∇W|²)), v −= Δt Σ V (κᵢ / ρᵢ + κⱼ / ρⱼ) ∇W, with volumes in place of masses.
+//!
+//! Differs: ω is not 1 but what keeps the iteration stable on a lattice with this support (0.7 in the plane with two spacings, less with
+//! more neighbours); nothing is kept from one step to the next, so that a saved simulation goes on as it was; the volume of a particle is
+//! the one with which a lattice has the density at rest, and walls count by Akinci2012's volumes times a factor (Band2018) with which a
+//! lattice beside a wall has it too.
+//!
+//! Supports of two spacings are enough for free surfaces and splashes; where the fluid is sheared evenly, three and more keep its volume
+//! better: the drop of the tests is 18 % too wide with two, and within 1 % with 3.4.
+//!
+//! Cost: two sums over the neighbours an iteration.
 
 mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
 
-use super::Fluid;
-use super::SmoothingKernel;
 use super::scene::{not_negative, positive};
+use super::{Dimensions, Fluid, SmoothingKernel};
 use crate::{Error, Result};
 
 pub(super) use cpu::CpuDfsph;
+#[cfg(feature = "gpu")]
+pub(super) use gpu::GpuDfsph;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::{DfsphFluid, DfsphProgress};
 
 /// Of incompressible fluids.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,4 +74,9 @@ impl DfsphSettings {
         }
         Err(Error::InvalidSetting { setting: "most iterations", found: "0".to_owned(), expected: "1 or more" })
     }
+}
+
+/// Neighbours below which a particle lies at a surface, where divergence is not corrected.
+fn fewest_neighbors(dimensions: Dimensions) -> u32 {
+    if dimensions == Dimensions::Two { 6 } else { 20 }
 }

@@ -7,14 +7,11 @@ use bytemuck::{Pod, Zeroable};
 use super::rest::{AtRest, boundary_volumes};
 use super::{PbfSettings, stable_way, walls};
 use crate::Result;
+use crate::application::particles::ParticleScene;
+use crate::application::particles::fluid::boundary_alone;
 use crate::application::particles::gpu::{GpuModel, ParticleClock};
 use crate::application::particles::gpu_neighborhood::{GpuNeighborhood, ParticleVisitor, Recorder};
 use crate::application::particles::gpu_state::{GpuState, WORKGROUP};
-use crate::application::particles::images::Images;
-use crate::application::particles::neighborhood::Neighborhood;
-use crate::application::particles::reach::Reach;
-use crate::application::particles::state::State;
-use crate::application::particles::{ParticleScene, ParticleSearch};
 use crate::gpu::{Access, Bind, Buffer, Gpu, Kernel, Pipeline, Workgroups};
 
 use Access::{Read, ReadWrite, Uniform};
@@ -222,11 +219,7 @@ fn places(
     if scene.boundary.is_empty() {
         return Ok(places);
     }
-    let alone = State { positions: scene.boundary.clone(), classes: vec![0..0], ..State::default() };
-    let (images, reach) = (Images::new(scene.domain, scene.periodic), Reach::one(rest.support));
-    let classes = vec![0..alone.positions.len()];
-    let mut around = Neighborhood::new(ParticleSearch::UniformGrid, true, scene.domain, images, classes, reach);
-    around.follow(&alone.positions)?;
+    let (alone, around) = boundary_alone(scene, rest.support)?;
     let volumes = boundary_volumes(settings, rest, scene.dimensions, &alone, &around)?;
     // Places as the device has them, to the bit.
     let positions = gpu.read_range(&state.positions, state.n_moving..state.len())?;

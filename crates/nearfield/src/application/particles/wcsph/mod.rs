@@ -1,4 +1,17 @@
 //! Weakly compressible smoothed particle hydrodynamics (Becker2007).
+//!
+//! With x the offset from a neighbour, u the relative velocity, h half the support and V = m / ρ, in each step
+//! - dv/dt = g − Σ m ((pᵢ + pⱼ) / (ρᵢ ρⱼ) + Π) ∇W + Σ m ν (1 / ρᵢ + 1 / ρⱼ) W′ / |x| u, where Π = −α h c u·x / ((|x|² + 0.01 h²) ρ̄) for two that come
+//!   nearer (Monaghan1992). Laminar viscosity is that of Morris1997 without what keeps its denominator from 0: W′ / |x| is finite;
+//! - dρ/dt = ρᵢ Σ Vⱼ u·∇W − 2 δ h c Σ Vⱼ (ρⱼ − ρᵢ − ρᴴ) W′ / |x| (Fourtakas2019). ρᴴ, the difference at rest under gravity, is
+//!   ρ₀ g·(xⱼ − xᵢ) / c², to first order in it;
+//! - v, then ρ with the new v, then x with the new v: symplectic, a leapfrog whose velocities are half a step behind, by one search.
+//!
+//! The density is a particle's own: it starts at that at rest, or as the scene says, and is saved with the particle. Walls count by
+//! Akinci2012's volumes. They have the pressure of the fluid beside them, more by what lies deeper, never pull, and do not move, so both
+//! viscosities brake along them. They should be as thick as the support, or of one layer with supports of up to three spacings.
+//!
+//! Cost: two sums over the neighbours a step.
 
 mod cpu;
 
