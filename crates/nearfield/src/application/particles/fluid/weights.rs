@@ -76,7 +76,7 @@ pub(in crate::application::particles) struct Lattice {
     pub(in crate::application::particles) volume: f64,
     /// Factor of the boundary's volumes with which the density beside a wall is that at rest, where the lattice goes on into a flat wall
     /// of one layer. Some 0.7 in the plane, as in Band2018; without it particles would be pushed from the wall at the start.
-    wall: f64,
+    pub(in crate::application::particles) wall: f64,
     /// Part of the density at rest that such a wall's own particles make at one of them.
     layer: f64,
     /// Part of a full step of Jacobi's that an iteration for pressures makes. Pressures that alternate as the lattice answers to most are
