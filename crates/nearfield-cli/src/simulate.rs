@@ -172,7 +172,11 @@ pub(crate) fn run(args: &SimulateArgs, common: &Common) -> Result<(), Failure> {
     let look = Look::of(&scene, args.color, args.size)?;
     let saved =
         args.resume.as_deref().map(|path| Checkpoint::read(path).map_err(Failure::reading(path))).transpose()?;
-    let folder = Folder::open(&args.output, args.force || saved.is_some())?;
+    let goes_on = args.resume.as_deref().is_some_and(|path| lies_in(path, &args.output));
+    let folder = Folder::open(&args.output, args.force || goes_on)?;
+    if !goes_on {
+        folder.remove_frames()?;
+    }
     interrupt::watch();
 
     let mut notes = Vec::new();
@@ -185,7 +189,7 @@ pub(crate) fn run(args: &SimulateArgs, common: &Common) -> Result<(), Failure> {
         args,
         folder: &folder,
         look: &look,
-        measured: Measured::start(&folder, simulation.as_ref(), saved.is_some())?,
+        measured: Measured::start(&folder, simulation.as_ref(), saved.is_some(), rate)?,
         rate,
         seconds: 0.0,
         picture_seconds: 0.0,
@@ -219,6 +223,12 @@ pub(crate) fn run(args: &SimulateArgs, common: &Common) -> Result<(), Failure> {
         }
         Err(error) => Err(Failure::Search(error)),
     }
+}
+
+/// Whether a file is one of a folder.
+fn lies_in(file: &Path, folder: &Path) -> bool {
+    let of_file = file.canonicalize().ok().and_then(|file| file.parent().map(Path::to_owned));
+    of_file.is_some() && of_file == folder.canonicalize().ok()
 }
 
 /// The simulation where it was chosen to run.
@@ -280,7 +290,7 @@ struct Course<'a> {
 impl Course<'_> {
     /// Makes steps and frames until the end or until the user wants to end; returns whether the end was reached.
     fn simulate(&mut self, simulation: &mut dyn Simulate, end: &End, bar: &CountBar) -> nearfield::Result<bool> {
-        let mut frame = (simulation.time() * self.rate + 1e-9).floor() as u64;
+        let mut frame = simulate_scene::frame_at(simulation.time(), self.rate);
         if simulation.step() == 0 {
             self.frame(simulation, 0, StepReport::default())?;
         }

@@ -52,6 +52,21 @@ impl Folder {
         self.path.join(format!("frame-{number:05}.{extension}"))
     }
 
+    /// Numbers of the pictures that are there.
+    fn frames(&self) -> Vec<u64> {
+        let Ok(entries) = std::fs::read_dir(&self.path) else { return Vec::new() };
+        let number = |name: &str| name.strip_prefix("frame-")?.strip_suffix(".png")?.parse().ok();
+        entries.filter_map(|entry| number(entry.ok()?.file_name().to_str()?)).collect()
+    }
+
+    /// Takes away the pictures of an earlier simulation, which is replaced.
+    pub(crate) fn remove_frames(&self) -> Result<(), Failure> {
+        for path in self.frames().into_iter().map(|number| self.frame(number, "png")) {
+            std::fs::remove_file(&path).map_err(|source| Failure::writing(Error::Io { path, source }))?;
+        }
+        Ok(())
+    }
+
     pub(crate) fn write_picture(&self, number: u64, image: &Image) -> nearfield::Result<()> {
         write_atomically(&self.frame(number, "png"), true, |w| image.write_png_quickly(w))
     }
@@ -74,8 +89,9 @@ impl Folder {
 
     /// A film of the frames up to this one that are there; its size in bytes.
     pub(crate) fn write_film(&self, last: u64, shrink: u32, rate: u16) -> Result<Option<u64>, Failure> {
-        let pictures: Vec<PathBuf> =
-            (0..=last).map(|number| self.frame(number, "png")).filter(|picture| picture.exists()).collect();
+        let mut numbers: Vec<u64> = self.frames().into_iter().filter(|number| *number <= last).collect();
+        numbers.sort_unstable();
+        let pictures: Vec<PathBuf> = numbers.into_iter().map(|number| self.frame(number, "png")).collect();
         if pictures.is_empty() {
             return Ok(None);
         }

@@ -6,6 +6,7 @@ use nearfield::application::particles::{Measures, Particles, Simulate, StepRepor
 
 use crate::exit::Failure;
 use crate::simulate_folder::Folder;
+use crate::simulate_scene::frame_at;
 
 /// Names of the columns.
 const COLUMNS: &str = "step,time,time_step,kinetic_energy,potential_energy,momentum_x,momentum_y,momentum_z,max_speed,\
@@ -68,8 +69,8 @@ impl Row {
 
 impl Measured {
     /// Nothing so far; where a simulation goes on, the rows of its file up to there.
-    pub(crate) fn start(folder: &Folder, simulation: &dyn Simulate, goes_on: bool) -> Result<Self, Failure> {
-        let mut measured = Self::default();
+    pub(crate) fn start(folder: &Folder, simulation: &dyn Simulate, goes_on: bool, rate: f64) -> Result<Self, Failure> {
+        let mut measured = Self { last_frame: frame_at(simulation.time(), rate), ..Self::default() };
         let path = folder.measures();
         if goes_on && path.exists() {
             let io = |source| Failure::Read(path.clone(), nearfield::Error::Io { path: path.clone(), source });

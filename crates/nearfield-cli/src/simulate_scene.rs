@@ -15,6 +15,11 @@ const SECONDS: f64 = 2.0;
 const FRAMES_A_SECOND: f64 = 25.0;
 const STEPS_A_FRAME: f64 = 10.0;
 
+/// The last frame that is due by a time.
+pub(crate) fn frame_at(time: f64, rate: f64) -> u64 {
+    (time * rate + 1e-9).floor() as u64
+}
+
 /// The scene of the command line.
 pub(crate) fn read(args: &SimulateArgs) -> Result<ParticleScene, Failure> {
     let name = args.scene.to_str().filter(|name| builtin_names().contains(name));

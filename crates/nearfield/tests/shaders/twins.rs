@@ -19,7 +19,7 @@ use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
 use nearfield::structure::kd_tree::{KdLeaf, KdNode, KdRoot};
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
-use nearfield::structure::multi_level_grid::{GridLevel, MultiLevelLayout};
+use nearfield::structure::multi_level_grid::MultiLevelLayout;
 use nearfield::structure::triangle_bvh::CompressedNode;
 use nearfield::structure::uniform_grid::GridLayout;
 use nearfield::{HitRecord, Ray, RayWork, Vec3};
@@ -246,7 +246,6 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ("OctreeLayout", octree),
         ("TreeLayout", layout_of!(TreeLayout { period, n_points, inverse_period, depth })),
         ("GridLayout", grid),
-        ("GridLevel", layout_of!(GridLevel { grid, first_entry, first_point, radius, padding })),
         ("MultiLevelLayout", layout_of!(MultiLevelLayout { n_points, n_levels, rule, padding, levels })),
         ("Layout", brute_force),
         ("Batch", batch),

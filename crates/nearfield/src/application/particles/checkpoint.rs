@@ -18,8 +18,7 @@ use crate::io::{NpyArray, read_npz_list, read_npz_vectors, with_path, write_atom
 /// A simulation between two steps.
 ///
 /// On the CPU a simulation that goes on from one makes the same steps, bit by bit, as one that was never interrupted, where the search has
-/// no memory of earlier steps (brute force and grids) or sums are deterministic, and the model has none (all but `dfsph`, whose solvers
-/// start from their last result).
+/// no memory of earlier steps (brute force and grids) or sums are deterministic.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
     /// The particles by their index in the scene.

@@ -13,6 +13,7 @@ use super::state::State;
 use super::wcsph::CpuWcsph;
 use super::{Measures, ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
 use crate::application::Watch;
+use crate::geometry::validate::MAX_COORDINATE;
 use crate::{Error, Result};
 
 /// What a model on the CPU does.
@@ -102,8 +103,9 @@ impl Simulation {
             TimeStep::Cfl { factor, least, most } => (factor * self.model.stable_step(&self.state)).clamp(least, most),
         };
         let before = self.around.rebuilds();
-        let done =
-            self.model.step(&mut self.state, &mut self.around, step).and_then(|done| self.check().map(|()| done));
+        let done = self.model.step(&mut self.state, &mut self.around, step);
+        // Where particles could not be searched, why is more than that.
+        let done = self.check().and(done);
         let done = done.inspect_err(|_| {
             self.state.clone_from(&self.last_good);
             self.around.forget();
@@ -129,7 +131,10 @@ impl Simulation {
         let limit2 = self.settings.max_speed * self.settings.max_speed;
         let is_bad = |&i: &usize| {
             let (position, velocity) = (self.state.positions[i], self.state.velocities[i]);
-            !(position.is_finite() && velocity.is_finite() && velocity.length_squared() <= limit2)
+            let density = self.state.densities.get(i).copied().unwrap_or(1.0);
+            let is_near = position.abs().max_element() <= f64::from(MAX_COORDINATE);
+            let is_fluid = density > 0.0 && density.is_finite();
+            !(is_near && velocity.is_finite() && velocity.length_squared() <= limit2 && is_fluid)
         };
         let Some(place) = (0..self.state.n_moving()).into_par_iter().filter(is_bad).min_by_key(|&i| self.state.ids[i])
         else {
@@ -192,7 +197,7 @@ impl Simulate for Simulation {
     fn resume_in_order(&mut self, particles: &Particles, order: &[u32], step: u64, time: f64) -> Result<()> {
         let mut scene = self.scene.clone();
         scene.particles.clone_from(particles);
-        scene.validate()?;
+        scene.validate_under_way()?;
         same_particles(&self.scene.particles, particles)?;
         same_order(order, particles.len())?;
         self.state = State::in_order(&scene, self.state.classes.len(), order.to_vec());

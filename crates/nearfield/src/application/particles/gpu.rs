@@ -203,6 +203,15 @@ impl GpuSimulation {
                 return Err(Error::Unsupported { what, advice: "use the CPU" });
             }
         };
+        let (least, most) = match scene.time_step {
+            TimeStep::Fixed(step) => (step, step),
+            TimeStep::Cfl { least, most, .. } => (least, most),
+        };
+        if least < f64::from(f32::MIN_POSITIVE) || most > f64::from(f32::MAX) {
+            let found = format!("{least:e} to {most:e}");
+            let expected = "one that single precision has, or the CPU";
+            return Err(Error::InvalidSetting { setting: "time step on a GPU", found, expected });
+        }
         let n_parts = (state.n_moving as u32).div_ceil(WORKGROUP);
         let [length, sound_speed] = model.signals();
         let (factor, least_step, most_step) = match scene.time_step {
@@ -249,17 +258,17 @@ impl GpuSimulation {
             time_step: 0.0,
             together: 1,
         };
-        simulation.time_step = simulation.first_step();
+        simulation.time_step = simulation.first_step(&scene.particles);
         Ok(simulation)
     }
 
     /// How far a first step leads, by the rule of inspect.wesl.
-    fn first_step(&self) -> f32 {
+    fn first_step(&self, particles: &Particles) -> f32 {
         let TimeStep::Cfl { factor, least, most } = self.scene.time_step else {
             return self.scene.time_step.most() as f32;
         };
         let [length, sound_speed] = self.model.signals();
-        let fastest = self.scene.particles.velocities.iter().map(|v| v.length()).fold(0.0, f64::max);
+        let fastest = particles.velocities.iter().map(|v| v.length()).fold(0.0, f64::max);
         (factor * length / (sound_speed + fastest)).clamp(least, most) as f32
     }
 
@@ -316,6 +325,9 @@ impl GpuSimulation {
             return Err(self.give_up(bad, &records[bad])?);
         }
         if let Err(error) = recorded {
+            // Where particles could not be searched, why is more than that.
+            let step = self.step + 1 + built.len() as u64;
+            let error = self.state.first_bad(&self.gpu, step, self.settings.max_speed)?.unwrap_or(error);
             self.state.restore(&self.gpu)?;
             self.around.forget();
             self.model.forget();
@@ -419,11 +431,11 @@ impl Simulate for GpuSimulation {
         same_particles(&self.scene.particles, particles)?;
         let mut scene = self.scene.clone();
         scene.particles.clone_from(particles);
-        scene.validate()?;
+        scene.validate_under_way()?;
         self.state.replace(&self.gpu, &scene)?;
         self.around.forget();
         self.model.forget();
-        (self.step, self.time, self.time_step) = (step, time, self.first_step());
+        (self.step, self.time, self.time_step) = (step, time, self.first_step(particles));
         Ok(())
     }
 }

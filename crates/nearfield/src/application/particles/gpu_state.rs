@@ -7,12 +7,13 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
 use super::state::State;
-use super::{ParticleScene, Particles};
-use crate::Result;
+use super::{Dimensions, ParticleScene, Particles};
 use crate::curve::{Curve, Domain, GpuCurveOrder};
 use crate::geometry::Aabb;
+use crate::geometry::validate::MAX_COORDINATE;
 use crate::gpu::{Access, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
 use crate::structure::DevicePoint;
+use crate::{Error, Result};
 
 use Access::{Read, ReadWrite, Uniform};
 
@@ -81,7 +82,7 @@ impl GpuState {
     /// The particles of a scene, put into blocks by class.
     pub(super) fn new(gpu: &Gpu, scene: &ParticleScene, n_classes: usize) -> Result<Self> {
         let state = State::new(scene, n_classes);
-        let middle = 0.5 * (scene.domain[0] + scene.domain[1]);
+        let middle = middle_of(scene);
         let (n, n_moving) = (state.positions.len(), state.n_moving());
         let buffers = |what| gpu.buffer::<[f32; 4]>(what, n);
         let new = Self {
@@ -257,6 +258,22 @@ impl GpuState {
         Ok(particles)
     }
 
+    /// What is wrong in a step, if a particle is not where it can be or too fast: the first by index, found on the host.
+    pub(super) fn first_bad(&self, gpu: &Gpu, step: u64, max_speed: f64) -> Result<Option<Error>> {
+        let particles = self.particles(gpu)?;
+        let is_bad = |&i: &usize| {
+            let (position, speed) = (particles.positions[i], particles.velocities[i].length());
+            !(position.abs().max_element() <= f64::from(MAX_COORDINATE) && speed <= max_speed && speed.is_finite())
+        };
+        Ok((0..particles.len()).find(is_bad).map(|i| Error::BlowUp {
+            step,
+            particle: i as u64,
+            position: particles.positions[i].to_array(),
+            speed: particles.velocities[i].length(),
+            limit: max_speed,
+        }))
+    }
+
     /// The index that the caller knows a particle by.
     pub(super) fn id(&self, gpu: &Gpu, place: u32) -> Result<u32> {
         Ok(gpu.read_range(&self.ids, place as usize..place as usize + 1)?[0])
@@ -270,7 +287,12 @@ impl GpuState {
 
 /// The domain of a scene relative to its middle.
 pub(super) fn relative_domain(scene: &ParticleScene) -> Aabb {
-    let [low, high] = scene.domain;
-    let middle = 0.5 * (low + high);
+    let ([low, high], middle) = (scene.domain, middle_of(scene));
     Aabb::new((low - middle).as_vec3(), (high - middle).as_vec3())
+}
+
+/// What positions are relative to: the middle of the domain, in the plane where the scene is.
+fn middle_of(scene: &ParticleScene) -> DVec3 {
+    let middle = 0.5 * (scene.domain[0] + scene.domain[1]);
+    if scene.dimensions == Dimensions::Two { middle.with_z(0.0) } else { middle }
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{ParticleModel, ParticleScene, Particles};
+use super::{Dimensions, ParticleModel, ParticleScene, Particles};
 
 /// Sums over all particles. Grains have mass 1, particles of a fluid that of the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -41,7 +41,10 @@ impl Measures {
         let n = particles.len().max(1) as f64;
         let mut measures = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY, ..Self::default() };
         let mut sum = DVec3::ZERO;
-        let [low, high] = scene.domain;
+        let [mut low, mut high] = scene.domain;
+        if scene.dimensions == Dimensions::Two {
+            (low.z, high.z) = (f64::NEG_INFINITY, f64::INFINITY);
+        }
         for (position, velocity) in particles.positions.iter().zip(&particles.velocities) {
             measures.kinetic_energy += 0.5 * mass * velocity.length_squared();
             measures.potential_energy -= mass * scene.gravity.dot(*position);

@@ -197,9 +197,26 @@ impl ParticleScene {
     ///
     /// # Errors
     /// `InvalidSetting` for the settings of the model, steps, an empty domain, a class without a radius, a boundary where the model has
-    /// none, periodic sides where the model has none or shorter than two reaches, a scene in the plane that is not; `LengthMismatch` for arrays of different lengths; `NonFinite` and `OutsideDomain` for
-    /// particles.
+    /// none, periodic sides where the model has none or shorter than two reaches, a scene in the plane that is not; `LengthMismatch` for arrays
+    /// of different lengths; `NonFinite` and `OutsideDomain` for particles.
     pub fn validate(&self) -> Result<()> {
+        self.validate_under_way()?;
+        let [low, high] = self.domain;
+        let flat = self.dimensions == Dimensions::Two;
+        let is_outside = |p: &DVec3| p.cmplt(low).any() || p.cmpgt(high).any();
+        let in_plane = |p: &DVec3| if flat { p.with_z(low.z) } else { *p };
+        let positions = &self.particles.positions;
+        let outside: Vec<usize> = (0..positions.len()).filter(|&i| is_outside(&in_plane(&positions[i]))).collect();
+        match outside.first() {
+            Some(&first) => {
+                Err(Error::OutsideDomain { what: "particles", count: outside.len() as u64, first: first as u64 })
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// As [`ParticleScene::validate`], but particles may have left the domain, as those of open tanks do.
+    pub(super) fn validate_under_way(&self) -> Result<()> {
         self.time_step.validate()?;
         self.model.validate()?;
         let [low, high] = self.domain;
@@ -217,9 +234,6 @@ impl ParticleScene {
         let (n, moving) = (self.particles.len(), &self.particles);
         same_length("velocities of particles", moving.velocities.len(), n)?;
         same_length("classes of particles", moving.classes.len(), n)?;
-        if !moving.densities.is_empty() {
-            same_length("densities of particles", moving.densities.len(), n)?;
-        }
         finite("positions of particles", &moving.positions)?;
         finite("velocities of particles", &moving.velocities)?;
         finite("positions of the boundary", &self.boundary)?;
@@ -250,19 +264,9 @@ impl ParticleScene {
         if flat && self.gravity.z != 0.0 {
             return invalid("gravity", self.gravity.to_string(), "one in the plane z = 0");
         }
-        let is_outside = |p: &DVec3| p.cmplt(low).any() || p.cmpgt(high).any();
-        let in_plane = |p: &DVec3| if flat { p.with_z(low.z) } else { *p };
-        let outside: Vec<usize> = (0..n).filter(|&i| is_outside(&in_plane(&moving.positions[i]))).collect();
-        match outside.first() {
-            Some(&first) => {
-                Err(Error::OutsideDomain { what: "particles", count: outside.len() as u64, first: first as u64 })
-            }
-            None => Ok(()),
-        }
+        Ok(())
     }
-}
 
-impl ParticleScene {
     fn validate_period(&self, size: DVec3) -> Result<()> {
         let invalid =
             |found: String, expected| Err(Error::InvalidSetting { setting: "periodic sides", found, expected });

@@ -43,11 +43,12 @@ pub trait Simulate: Send {
     /// Goes on from particles that were saved.
     ///
     /// # Errors
-    /// As [`ParticleScene::validate`] with these particles, and `LengthMismatch` for another number of them. The simulation is then as it
-    /// was.
+    /// As [`ParticleScene::validate`] with these particles, which may have left the domain; `LengthMismatch` for another number of them, and
+    /// `InvalidSetting` for other classes. The simulation is then as it was.
     fn resume(&mut self, particles: &Particles, step: u64, time: f64) -> Result<()>;
 
-    /// `[n]` the indices of the particles in the order in which they are kept; that of the scene where none is known.
+    /// `[n]` the indices of the particles in the order in which they are kept, where going on from it gives the same bits: on the CPU. On a device
+    /// that of the scene.
     ///
     /// # Errors
     /// As [`Simulate::particles`].
@@ -55,7 +56,7 @@ pub trait Simulate: Send {
         Ok((0..self.scene().particles.len() as u32).collect())
     }
 
-    /// As [`Simulate::resume`], and puts the particles into the order in which they were kept, where sums depend on it.
+    /// As [`Simulate::resume`], and on the CPU puts the particles into the order in which they were kept: sums depend on it.
     ///
     /// # Errors
     /// As [`Simulate::resume`], and `InvalidSetting` for an order that does not have every particle once.
@@ -84,10 +85,16 @@ pub struct StepReport {
     pub rebuilds: u32,
 }
 
-/// Checks that particles to go on from are as many as the scene has.
+/// Checks that particles to go on from are as many as the scene has, each of its class.
 pub(super) fn same_particles(own: &Particles, other: &Particles) -> Result<()> {
     if own.len() == other.len() {
-        return Ok(());
+        let mut classes = own.classes.iter().zip(&other.classes);
+        let Some(first) = classes.position(|(own, other)| own != other) else {
+            return Ok(());
+        };
+        let found =
+            format!("{} of particle {first}, which has {} in the scene", other.classes[first], own.classes[first]);
+        return Err(Error::InvalidSetting { setting: "class of a particle", found, expected: "that of the scene" });
     }
     let (found, expected) = (other.len() as u64, own.len() as u64);
     Err(Error::LengthMismatch { what: "particles to go on from", found, expected })

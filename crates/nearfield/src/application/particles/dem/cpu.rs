@@ -15,6 +15,8 @@ pub(in crate::application::particles) struct CpuDem {
     settings: DemSettings,
     domain: [DVec3; 2],
     gravity: DVec3,
+    /// Axes that have walls.
+    axes: usize,
 }
 
 /// What a particle has received from those around it.
@@ -26,7 +28,12 @@ struct Received {
 
 impl CpuDem {
     pub(in crate::application::particles) fn new(settings: &DemSettings, scene: &ParticleScene) -> Self {
-        Self { settings: settings.clone(), domain: scene.domain, gravity: scene.gravity }
+        Self {
+            settings: settings.clone(),
+            domain: scene.domain,
+            gravity: scene.gravity,
+            axes: scene.dimensions.number() as usize,
+        }
     }
 
     /// Moves a particle of radius `radius` and keeps it between the walls.
@@ -34,7 +41,7 @@ impl CpuDem {
         *velocity = (*velocity + self.gravity * step) * self.settings.global_damping;
         *position += *velocity * step;
         let [low, high] = [self.domain[0] + radius, self.domain[1] - radius];
-        for axis in 0..3 {
+        for axis in 0..self.axes {
             if position[axis] > high[axis] {
                 position[axis] = high[axis];
                 velocity[axis] *= self.settings.wall_damping;
@@ -91,7 +98,10 @@ impl CpuModel for CpuDem {
             let mut impulse = received.impulse;
             if let Some(ball) = &settings.collider {
                 let reach = PairRule::Contact.reach(radius_of[i], ball.radius);
-                impulse += settings.push(ball.center - positions[i], -*velocity, reach).unwrap_or_default();
+                let to_ball = ball.center - positions[i];
+                let push = settings.push(to_ball, -*velocity, reach);
+                // The ball does not attract.
+                impulse += push.map_or(DVec3::ZERO, |push| push - settings.attraction * to_ball);
             }
             *velocity += impulse;
         };

@@ -7,13 +7,16 @@ use glam::Vec3;
 
 use super::{DemSettings, PairRule};
 use crate::Result;
-use crate::application::particles::ParticleScene;
 use crate::application::particles::gpu::{GpuModel, ParticleClock};
 use crate::application::particles::gpu_neighborhood::{GpuNeighborhood, ParticleVisitor, Recorder};
 use crate::application::particles::gpu_state::{GpuState, WORKGROUP, relative_domain};
+use crate::application::particles::{Dimensions, ParticleScene};
 use crate::gpu::{Access, Buffer, Gpu, Kernel, Pipeline, Workgroups};
 
 use Access::{Read, ReadWrite, Uniform};
+
+/// Where walls are that no particle meets.
+const FAR: f32 = 1e30;
 
 /// Quanta of sums in fixed point that the largest overlap is at least; see sum.wesl.
 const QUANTA: f64 = 65_536.0;
@@ -78,7 +81,11 @@ impl GpuDem {
         scene: &ParticleScene,
         state: &GpuState,
     ) -> Result<Self> {
-        let domain = relative_domain(scene);
+        let mut domain = relative_domain(scene);
+        if scene.dimensions == Dimensions::Two {
+            // The plane has no walls across it.
+            (domain.min.z, domain.max.z) = (-FAR, FAR);
+        }
         let mut radii = [[0.0; 4]; 2];
         settings.radii.iter().enumerate().for_each(|(class, &radius)| radii[class / 4][class % 4] = radius as f32);
         let integration = DemIntegrate {
@@ -94,7 +101,11 @@ impl GpuDem {
             let center: Vec3 = (ball.center - state.middle()).as_vec3();
             center.extend(ball.radius as f32).to_array()
         });
-        let largest_push = (settings.spring + settings.attraction.abs()) * settings.largest_reach();
+        // Of an overlap as large as can be, and of two that move by their reach in a step.
+        let reach = settings.largest_reach();
+        let fastest = reach / scene.time_step.most();
+        let largest_push =
+            ((settings.spring + settings.attraction.abs()) * reach).max((settings.damping + settings.shear) * fastest);
         let quantum = if largest_push > 0.0 { largest_push / QUANTA } else { 1.0 };
         let collide = DemCollide {
             collider,

@@ -16,6 +16,9 @@ use super::Dimensions;
 use super::scene::positive;
 use crate::{Error, Result};
 
+/// Largest support in spacings; neighbours are some four times its cube.
+const MOST_SPACINGS: f64 = 16.0;
+
 /// A fluid as a set of particles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fluid {
@@ -39,15 +42,16 @@ impl Fluid {
     }
 
     /// # Errors
-    /// `InvalidSetting` for numbers that are not positive, and a support below the spacing: particles would not meet.
+    /// `InvalidSetting` for numbers that are not positive, a support below the spacing (particles would not meet) or above 16 spacings.
     pub fn validate(&self) -> Result<()> {
         positive("spacing of the fluid", self.spacing)?;
         positive("support of the fluid", self.support)?;
         positive("rest density of the fluid", self.rest_density)?;
-        if self.support > self.spacing {
+        if self.support > self.spacing && self.support <= MOST_SPACINGS * self.spacing {
             return Ok(());
         }
         let found = format!("{} with spacing {}", self.support, self.spacing);
-        Err(Error::InvalidSetting { setting: "support of the fluid", found, expected: "more than the spacing" })
+        let expected = "more than the spacing, and at most 16 spacings";
+        Err(Error::InvalidSetting { setting: "support of the fluid", found, expected })
     }
 }

@@ -45,9 +45,6 @@ pub use gpu::PbfFluid;
 /// Part of its diameter by which a particle moves in a stable step.
 const STABLE_WAY: f64 = 0.4;
 
-/// Largest support in spacings; neighbours are some four times its cube.
-const MOST_SPACINGS: f64 = 16.0;
-
 /// Of position-based fluids.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PbfSettings {
@@ -92,10 +89,6 @@ impl PbfSettings {
     pub(super) fn validate(&self) -> Result<()> {
         self.fluid.validate()?;
         let invalid = |setting, found, expected| Err(Error::InvalidSetting { setting, found, expected });
-        if self.fluid.support > MOST_SPACINGS * self.fluid.spacing {
-            let found = format!("{} with spacing {}", self.fluid.support, self.fluid.spacing);
-            return invalid("support of the fluid", found, "at most 16 spacings");
-        }
         if self.iterations == 0 || self.iterations > self.most_iterations {
             let found = format!("{} to {}", self.iterations, self.most_iterations);
             return invalid("iterations", found, "1 or more, the fewest first");

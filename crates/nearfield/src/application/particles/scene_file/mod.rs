@@ -44,7 +44,7 @@ const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 /// | `most_iterations`, `xsph` | pbf, dfsph | as there |
 /// | `sound_speed` | wcsph | an error |
 /// | `exponent`, `artificial_viscosity`, `density_diffusion` | wcsph: [`WcsphSettings`](super::WcsphSettings) | as there |
-/// | `smoothing` | wcsph, dfsph: `"cubic-spline"`, `"wendland"`, `"poly6"` or `"spiky"` | as there |
+/// | `smoothing` | wcsph, dfsph: `"cubic-spline"` or `"wendland"` | as there |
 /// | `viscosity` | wcsph, dfsph | 0 |
 /// | `density_tolerance`, `divergence_tolerance` | dfsph: [`DfsphSettings`](super::DfsphSettings) | as there |
 /// | `radii` | dem: a radius for each class | an error |
@@ -143,6 +143,9 @@ fn particles(entries: &SceneEntries, scene: &ParticleScene) -> Result<Particles>
     for entry in &entries.boxes {
         let spacing = spacing_of(scene, entry.spacing, entry.class)?;
         let (low, high) = (DVec3::from_array(entry.low), DVec3::from_array(entry.high));
+        if !(low.is_finite() && high.is_finite() && low.cmple(high).all()) {
+            return Err(fault(format!("a box from {low} to {high}"), "its low corner first, all numbers finite"));
+        }
         so_far = allowed(so_far, high - low, spacing, dimensions)?;
         add(fill_box(low, high, spacing, dimensions), entry.velocity, entry.class);
     }
