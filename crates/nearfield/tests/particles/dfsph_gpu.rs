@@ -22,7 +22,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("dfsph_on_the_device_is_that_of_the_cpu", device_is_cpu),
         gpu_trial("dfsph_solvers_on_the_device_end_where_those_of_the_cpu_do", solvers_end),
         gpu_trial("dfsph_by_every_search_on_the_device_is_the_same", searches_agree),
-        gpu_trial("dfsph_tanks_rest_on_the_device", tanks_rest),
+        gpu_trial("dfsph_tanks_settle_on_the_device_as_on_the_cpu", tanks_settle),
         gpu_trial("dfsph_momentum_stays_on_the_device", momentum_stays),
         gpu_trial("dfsph_on_the_device_can_be_none_one_or_all_in_one_place", few_and_coincident),
         gpu_trial("dfsph_steps_by_speed_on_the_device_follow_the_rule", steps_by_speed),
@@ -56,9 +56,6 @@ fn dfsph(scene: &mut ParticleScene) -> &mut DfsphSettings {
 }
 
 fn device_is_cpu(gpu: &Gpu) {
-    // Places below 1 are rounded by up to 6e-8 at the start and in each of three steps. Offsets are then off by some 3e-7 supports and
-    // densities by as much, and so is, in supports of 0.2, what each of eight iterations moves. Velocities have that over the step.
-    let bound = 3.0 * (6e-8 + 8.0 * 3e-7 * 0.2);
     for (dimensions, support, smoothing) in [
         (Dimensions::Three, 2.0, SmoothingKernel::CubicSpline),
         (Dimensions::Three, 2.7, SmoothingKernel::Wendland),
@@ -69,7 +66,7 @@ fn device_is_cpu(gpu: &Gpu) {
         let model = dfsph(&mut scene);
         (model.fluid.support, model.smoothing) = (support * SPACING, smoothing);
         (model.viscosity, model.xsph) = (0.01, 0.05);
-        // So that both solvers make all iterations there are.
+        // So that both solvers make all iterations there are, but where nothing diverges at all.
         (model.divergence_tolerance, model.density_tolerance, model.most_iterations) = (1e-12, 1e-12, 4);
         for deterministic in [false, true] {
             let settings = SimulationSettings { deterministic, reorder_every: 2, ..SimulationSettings::default() };
@@ -79,18 +76,21 @@ fn device_is_cpu(gpu: &Gpu) {
             let largest = |of: &dyn Fn(usize) -> f64| (0..found.len()).map(of).fold(0.0, f64::max);
             let pushed = largest(&|i| expected.positions[i].distance(alone(i)));
             assert!(pushed > 0.05 * SPACING, "nothing is pushed farther than {pushed}");
+            // Places below 1 are rounded by up to 6e-8 at the start of each of three steps and at its end. Offsets are then off by some 3e-7
+            // supports, and gradients and densities, and so what is pushed, by some 1e-6 of themselves.
+            let bound = 3.0 * 1.2e-7 + 1e-6 * pushed;
             let apart = largest(&|i| found.positions[i].distance(expected.positions[i]));
             let faster = largest(&|i| found.velocities[i].distance(expected.velocities[i]));
             let denser = largest(&|i| (found.densities[i] / expected.densities[i] - 1.0).abs());
             let what = format!("{dimensions:?}, support {support}, {}", smoothing.name());
             println!("{what}: {apart:e} apart, {faster:e} faster, {denser:e} denser, {pushed:e} pushed");
             assert!(apart <= bound, "{what}: {apart:e} apart");
-            assert!(faster <= bound / STEP, "{what}: {faster:e} faster");
+            assert!(faster <= 2e-6 * pushed / STEP, "{what}: {faster:e} faster");
             assert!(denser <= 2.0 * bound / SPACING, "{what}: {denser:e} denser");
+            assert!(expected_reports[0].density_error[1] > 1e-3, "nothing is compressed: {expected_reports:?}");
             for (found, expected) in reports.iter().zip(&expected_reports) {
-                assert_eq!((found.step, found.iterations), (expected.step, 8));
+                assert_eq!((found.step, found.iterations), (expected.step, expected.iterations));
                 assert!((found.mean_neighbors - expected.mean_neighbors).abs() < 1e-5, "{found:?} and {expected:?}");
-                assert!(expected.density_error[1] > 1e-3, "nothing is compressed: {expected:?}");
                 for (found, expected) in found.density_error.iter().zip(&expected.density_error) {
                     assert!((found - expected).abs() <= 2.0 * bound / SPACING, "{what}: {found} for {expected}");
                 }
@@ -110,14 +110,14 @@ fn solvers_end(gpu: &Gpu) {
         // Means are as near to the tolerance as rounding lets them: each of the two solvers may take one more or one less.
         assert!(found.iterations.abs_diff(expected.iterations) <= 2, "{found:?} and {expected:?}");
     }
-    assert!(reports.iter().any(|report| report.iterations > 20), "{reports:?}");
+    assert!(reports.iter().any(|report| report.iterations > 8), "{reports:?}");
     // The last iterations that there can be end a solver whatever is left.
     for most in [1, 2, 30] {
         let mut strict = scene.clone();
         let model = dfsph(&mut strict);
         (model.divergence_tolerance, model.density_tolerance, model.most_iterations) = (1e-12, 1e-12, most);
-        let (_, reports) = run(gpu, &strict, &settings, 2);
-        assert!(reports.iter().all(|report| report.iterations == 2 * most), "{reports:?}");
+        let (_, reports) = run(gpu, &strict, &settings, 1);
+        assert_eq!(reports[0].iterations, 2 * most);
     }
 }
 
@@ -136,28 +136,32 @@ fn searches_agree(gpu: &Gpu) {
     }
 }
 
-fn tanks_rest(gpu: &Gpu) {
-    let (size, steps) = if long_cases(gpu) { ([16, 24, 16], 400) } else { ([5, 8, 5], 100) };
+fn tanks_settle(gpu: &Gpu) {
+    let (size, steps) = if long_cases(gpu) { ([8, 12, 8], 100) } else { ([5, 8, 5], 40) };
     let scene = incompressible(column(Dimensions::Three, size));
-    let mut simulation = GpuSimulation::new(gpu, &scene, &SimulationSettings::default()).unwrap();
+    let settings = SimulationSettings::default();
+    let mut simulation = GpuSimulation::new(gpu, &scene, &settings).unwrap();
     let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
     let measures = simulation.measure().unwrap();
-    let largest = |of: usize| reports.iter().map(|report| report.density_error[of]).fold(0.0, f64::max);
-    let iterations = reports.iter().map(|report| f64::from(report.iterations)).sum::<f64>() / f64::from(steps);
+    let (on_cpu, expected_reports) = on_cpu(&scene, &settings, steps);
+    let expected = Measures::of(&scene, &on_cpu);
+    let iterations = |reports: &[StepReport]| reports.iter().map(|report| f64::from(report.iterations)).sum::<f64>();
+    let (made, expected_made) = (iterations(&reports), iterations(&expected_reports));
     let height = f64::from(size[1]) * SPACING;
-    let relative = 2.0 * measures.mean_position.y / height;
-    println!(
-        "density error {:.6} and {:.4}, {iterations} iterations, height {relative:.4}, speed {:.3}",
-        largest(0),
-        largest(1),
-        measures.max_speed
-    );
-    assert!(largest(0) <= 1e-4 * (1.0 + 1e-6), "mean density error {}", largest(0));
-    assert!(largest(1) <= 2e-2, "density error {}", largest(1));
-    assert!((relative - 1.0).abs() <= 0.01, "{relative} of the height");
-    // Nowhere faster than what falls half a spacing.
-    assert!(measures.max_speed <= (9.81 * SPACING).sqrt(), "{}", measures.max_speed);
-    assert_eq!(measures.outside, 0);
+    let lower = (expected.mean_position.y - measures.mean_position.y) / height;
+    println!("{made} iterations for {expected_made}, {lower:e} of the height lower, {measures:?} for {expected:?}");
+    for report in &reports {
+        assert!(report.density_error[0] <= 1e-4 * (1.0 + 1e-6), "{report:?}");
+    }
+    // What rounding starts has grown a hundred times and more when the fluid has settled, but stays far below what these say of it.
+    assert!(lower.abs() <= 1e-3, "{} for {}", measures.mean_position, expected.mean_position);
+    assert!((made / expected_made - 1.0).abs() <= 0.05, "{made} iterations for {expected_made}");
+    assert!((measures.energy() / expected.energy() - 1.0).abs() <= 1e-3, "{measures:?} for {expected:?}");
+    // Walls stand half a spacing outside of the domain.
+    let [low, high] = [scene.domain[0] - 0.5 * SPACING, scene.domain[1] + 0.5 * SPACING];
+    assert!(measures.min.cmpge(low).all() && measures.max.cmple(high).all(), "{measures:?}");
+    // It has begun to settle.
+    assert!(measures.mean_position.y < 0.495 * height, "{measures:?}");
 }
 
 fn momentum_stays(gpu: &Gpu) {
@@ -228,8 +232,10 @@ fn steps_by_speed(gpu: &Gpu) {
 }
 
 fn goes_on(gpu: &Gpu) {
-    let scene = incompressible(disturbed(Dimensions::Three, 4));
-    let settings = SimulationSettings { deterministic: true, reorder_every: 0, ..Default::default() };
+    let mut scene = incompressible(disturbed(Dimensions::Three, 4));
+    scene.domain = [-0.4 * WIDE, 0.4 * WIDE];
+    let settings =
+        SimulationSettings { deterministic: true, reorder_every: 0, max_speed: 1e6, ..SimulationSettings::default() };
     let mut simulation = GpuSimulation::new(gpu, &scene, &settings).unwrap();
     let first = simulation.advance(3, &mut Watch::none()).unwrap();
     let saved = simulation.particles().unwrap();

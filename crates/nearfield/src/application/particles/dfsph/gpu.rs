@@ -125,7 +125,11 @@ impl Kernels {
             gpu.pipeline(&Kernel { constants: &constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
         };
         let progress = "package::application::particles::dfsph::progress";
-        let sums = Kernel::new(progress, "sum_excesses", &[Uniform, Read, ReadWrite], WORKGROUP);
+        // The same for both solvers.
+        let sums = Kernel {
+            features: &[("divergence", false)],
+            ..Kernel::new(progress, "sum_excesses", &[Uniform, Read, ReadWrite], WORKGROUP)
+        };
         Ok(Self {
             set_out: kernel("set_out", &[Uniform, Read, Read, Read, ReadWrite, ReadWrite])?,
             fall: kernel("fall", &[Uniform, Read, ReadWrite])?,
