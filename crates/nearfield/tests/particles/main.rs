@@ -12,6 +12,7 @@ mod scenes;
 #[path = "../support/mod.rs"]
 mod support;
 mod surface;
+mod wcsph_gpu;
 
 use libtest_mimic::Arguments;
 
@@ -24,5 +25,6 @@ fn main() {
     trials.extend(pbf::trials());
     trials.extend(pbf_gpu::trials());
     trials.extend(dfsph_gpu::trials());
+    trials.extend(wcsph_gpu::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -6,15 +6,11 @@ use bytemuck::{Pod, Zeroable};
 
 use super::{DfsphSettings, fewest_neighbors};
 use crate::Result;
-use crate::application::particles::fluid::{Lattice, masses};
+use crate::application::particles::fluid::{Lattice, boundary_masses};
 use crate::application::particles::gpu::{GpuModel, ParticleClock};
 use crate::application::particles::gpu_neighborhood::{GpuNeighborhood, ParticleVisitor, Recorder};
 use crate::application::particles::gpu_state::{GpuState, WORKGROUP};
-use crate::application::particles::images::Images;
-use crate::application::particles::neighborhood::Neighborhood;
-use crate::application::particles::reach::Reach;
-use crate::application::particles::state::State;
-use crate::application::particles::{ParticleScene, ParticleSearch, SmoothingKernel};
+use crate::application::particles::{ParticleScene, SmoothingKernel};
 use crate::gpu::{Access, Bind, Buffer, Gpu, Kernel, Pipeline, Workgroups};
 
 use Access::{Read, ReadWrite, Uniform};
@@ -300,15 +296,7 @@ fn stable_way(settings: &DfsphSettings, scene: &ParticleScene) -> [f64; 2] {
 
 /// `[b]` volumes of the boundary in parts of that of a particle, as on the CPU.
 fn boundary_volumes(settings: &DfsphSettings, lattice: &Lattice, scene: &ParticleScene) -> Result<Vec<f32>> {
-    if scene.boundary.is_empty() {
-        return Ok(Vec::new());
-    }
-    let alone = State { positions: scene.boundary.clone(), classes: vec![0..0], ..State::default() };
-    let (images, reach) = (Images::new(scene.domain, scene.periodic), Reach::one(settings.fluid.support));
-    let classes = vec![0..alone.positions.len()];
-    let mut around = Neighborhood::new(ParticleSearch::UniformGrid, true, scene.domain, images, classes, reach);
-    around.follow(&alone.positions)?;
-    let masses = masses(&settings.fluid, settings.smoothing, scene.dimensions, &alone, &around)?;
+    let masses = boundary_masses(&settings.fluid, settings.smoothing, scene)?;
     let factor = lattice.wall / (settings.fluid.rest_density * lattice.volume);
     Ok(masses.into_iter().map(|mass| (factor * mass) as f32).collect())
 }

@@ -3,8 +3,14 @@
 use super::{Fluid, SmoothingKernel};
 use crate::Result;
 use crate::application::particles::Dimensions;
+#[cfg(feature = "gpu")]
+use crate::application::particles::images::Images;
 use crate::application::particles::neighborhood::Neighborhood;
+#[cfg(feature = "gpu")]
+use crate::application::particles::reach::Reach;
 use crate::application::particles::state::State;
+#[cfg(feature = "gpu")]
+use crate::application::particles::{ParticleScene, ParticleSearch};
 
 /// `[n + b]` masses of the particles and of the boundary as the fluid feels it: ρ₀ / Σ W over the boundary's own neighbours, so that a wall
 /// counts alike however densely it is sampled. The structures must have followed the particles.
@@ -31,4 +37,25 @@ pub(in crate::application::particles) fn masses(
     })?;
     let counts = |(i, sum): (usize, f64)| if i < n { mass } else { fluid.rest_density / sum };
     Ok(sums.into_iter().enumerate().map(counts).collect())
+}
+
+/// `[b]` masses of a scene's boundary, which the particles that move have no part in.
+///
+/// # Errors
+/// As the search.
+#[cfg(feature = "gpu")]
+pub(in crate::application::particles) fn boundary_masses(
+    fluid: &Fluid,
+    smoothing: SmoothingKernel,
+    scene: &ParticleScene,
+) -> Result<Vec<f64>> {
+    if scene.boundary.is_empty() {
+        return Ok(Vec::new());
+    }
+    let alone = State { positions: scene.boundary.clone(), classes: vec![0..0], ..State::default() };
+    let (images, reach) = (Images::new(scene.domain, scene.periodic), Reach::one(fluid.support));
+    let classes = vec![0..alone.positions.len()];
+    let mut around = Neighborhood::new(ParticleSearch::UniformGrid, true, scene.domain, images, classes, reach);
+    around.follow(&alone.positions)?;
+    masses(fluid, smoothing, scene.dimensions, &alone, &around)
 }

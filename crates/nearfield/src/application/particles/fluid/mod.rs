@@ -5,6 +5,8 @@ mod density_error;
 mod smoothing;
 mod weights;
 
+#[cfg(feature = "gpu")]
+pub(super) use boundary::boundary_masses;
 pub(super) use boundary::masses;
 pub(super) use density_error::density_error;
 pub use smoothing::SmoothingKernel;

@@ -1,6 +1,8 @@
 //! Weakly compressible smoothed particle hydrodynamics (Becker2007).
 
 mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
 
 use super::Fluid;
 use super::SmoothingKernel;
@@ -8,6 +10,11 @@ use super::scene::{not_negative, positive};
 use crate::Result;
 
 pub(super) use cpu::CpuWcsph;
+#[cfg(feature = "gpu")]
+pub(super) use gpu::GpuWcsph;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::{WcsphFluid, WcsphLimits};
 
 /// Of weakly compressible fluids: p = c² ρ₀ / γ ((ρ / ρ₀)^γ − 1).
 #[derive(Debug, Clone, Copy, PartialEq)]
