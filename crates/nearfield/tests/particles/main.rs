@@ -13,6 +13,7 @@ mod sph;
 #[path = "../support/mod.rs"]
 mod support;
 mod surface;
+mod wcsph_gpu;
 
 use libtest_mimic::Arguments;
 
@@ -26,5 +27,6 @@ fn main() {
     trials.extend(pbf_gpu::trials());
     trials.extend(sph::trials());
     trials.extend(dfsph_gpu::trials());
+    trials.extend(wcsph_gpu::trials());
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -6,7 +6,7 @@ use std::mem::offset_of;
 use nearfield::application::mls::{ConcludeParameters, FitParameters, FitState, IterationSums, PointPlace};
 use nearfield::application::particles::{
     DemCollide, DemIntegrate, DfsphFluid, DfsphProgress, ParticleBlock, ParticleClock, ParticleDrift,
-    ParticleInspection, ParticlePart, ParticleRecord, PbfFluid,
+    ParticleInspection, ParticlePart, ParticleRecord, PbfFluid, WcsphFluid, WcsphLimits,
 };
 use nearfield::application::wlop::{AdvanceParameters, DensityParameters, PairParameters, Pull, Record, RecordPart};
 use nearfield::application::{
@@ -214,6 +214,28 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         most_iterations,
         n_parts
     });
+    let wcsph = layout_of!(WcsphFluid {
+        gravity,
+        n_particles,
+        deepening,
+        exponent,
+        support,
+        inverse_support,
+        volume_factor,
+        rest_density,
+        sound_speed,
+        inverse_sound_speed,
+        artificial_viscosity,
+        viscosity,
+        density_diffusion,
+        signal_speed,
+        viscous_step,
+        step_factor,
+        least_step,
+        n_parts,
+        padding_0,
+        padding_1
+    });
     let contour =
         layout_of!(ContourParameters { corner, spacing, nodes, n_nodes, level, two_sided, threshold, n_cells });
     BTreeMap::from([
@@ -268,6 +290,7 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ),
         ("DemCollide", collide),
         ("DfsphFluid", dfsph),
+        ("WcsphFluid", wcsph),
         (
             "PbfFluid",
             layout_of!(PbfFluid {
@@ -338,6 +361,7 @@ pub(crate) fn stored_twins() -> BTreeMap<&'static str, Layout> {
     ];
     let particles = [
         ("DfsphProgress", layout_of!(DfsphProgress { iterations, is_done, mean, largest })),
+        ("WcsphLimits", layout_of!(WcsphLimits { acceleration2, speed2, excess })),
         ("ParticleClock", layout_of!(ParticleClock { time_step, time, made, padding })),
         ("ParticlePart", layout_of!(ParticlePart { neighbors, max_speed2, compression, max_compression, first_bad })),
         (

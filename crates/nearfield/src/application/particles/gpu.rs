@@ -13,6 +13,7 @@ use super::gpu_state::{GpuState, WORKGROUP};
 use super::pbf::GpuPbf;
 use super::reach::Reach;
 use super::simulate::same_particles;
+use super::wcsph::GpuWcsph;
 use super::{ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
 use crate::application::Watch;
 use crate::gpu::{Access, Buffer, Gpu, Kernel, Pipeline, Workgroups};
@@ -198,10 +199,7 @@ impl GpuSimulation {
             ParticleModel::Dem(dem) => Box::new(GpuDem::new(gpu, dem, scene, &state)?),
             ParticleModel::Pbf(pbf) => Box::new(GpuPbf::new(gpu, pbf, scene, &state)?),
             ParticleModel::Dfsph(dfsph) => Box::new(GpuDfsph::new(gpu, dfsph, scene, &state)?),
-            other => {
-                let what = format!("the model {} on a GPU", other.name());
-                return Err(Error::Unsupported { what, advice: "use the CPU" });
-            }
+            ParticleModel::Wcsph(wcsph) => Box::new(GpuWcsph::new(gpu, wcsph, scene, &state)?),
         };
         let (least, most) = match scene.time_step {
             TimeStep::Fixed(step) => (step, step),

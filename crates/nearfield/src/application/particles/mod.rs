@@ -84,3 +84,6 @@ pub use search::{ParticleSearch, SimulationSettings};
 pub use simulate::{Simulate, StepReport};
 pub use surface::ParticleSurface;
 pub use wcsph::WcsphSettings;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use wcsph::{WcsphFluid, WcsphLimits};

@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::{DfsphSettings, fewest_neighbors};
 use crate::Result;
-use crate::application::particles::fluid::{Lattice, boundary_alone, masses};
+use crate::application::particles::fluid::{Lattice, boundary_masses};
 use crate::application::particles::gpu::{GpuModel, ParticleClock};
 use crate::application::particles::gpu_neighborhood::{GpuNeighborhood, ParticleVisitor, Recorder};
 use crate::application::particles::gpu_state::{GpuState, WORKGROUP};
@@ -300,11 +300,7 @@ fn stable_way(settings: &DfsphSettings, scene: &ParticleScene) -> [f64; 2] {
 
 /// `[b]` volumes of the boundary in parts of that of a particle, as on the CPU.
 fn boundary_volumes(settings: &DfsphSettings, lattice: &Lattice, scene: &ParticleScene) -> Result<Vec<f32>> {
-    if scene.boundary.is_empty() {
-        return Ok(Vec::new());
-    }
-    let (alone, around) = boundary_alone(scene, settings.fluid.support)?;
-    let masses = masses(&settings.fluid, settings.smoothing, scene.dimensions, &alone, &around)?;
+    let masses = boundary_masses(&settings.fluid, settings.smoothing, scene)?;
     let of_mass = |mass: f64| lattice.wall_volume(mass / settings.fluid.rest_density) / lattice.volume;
     Ok(masses.into_iter().map(|mass| of_mass(mass) as f32).collect())
 }

@@ -57,3 +57,20 @@ pub(in crate::application::particles) fn boundary_alone(
     around.follow(&state.positions)?;
     Ok((state, around))
 }
+
+/// `[b]` masses of a scene's boundary, which the particles that move have no part in.
+///
+/// # Errors
+/// As the search.
+#[cfg(feature = "gpu")]
+pub(in crate::application::particles) fn boundary_masses(
+    fluid: &Fluid,
+    smoothing: SmoothingKernel,
+    scene: &ParticleScene,
+) -> Result<Vec<f64>> {
+    if scene.boundary.is_empty() {
+        return Ok(Vec::new());
+    }
+    let (alone, around) = boundary_alone(scene, fluid.support)?;
+    masses(fluid, smoothing, scene.dimensions, &alone, &around)
+}

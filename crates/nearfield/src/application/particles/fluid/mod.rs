@@ -5,9 +5,9 @@ mod density_error;
 mod smoothing;
 mod weights;
 
-#[cfg(feature = "gpu")]
-pub(super) use boundary::boundary_alone;
 pub(super) use boundary::masses;
+#[cfg(feature = "gpu")]
+pub(super) use boundary::{boundary_alone, boundary_masses};
 pub(super) use density_error::density_error;
 pub use smoothing::SmoothingKernel;
 pub(super) use weights::{Lattice, Weights};

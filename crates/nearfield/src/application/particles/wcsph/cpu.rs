@@ -61,8 +61,18 @@ impl WcsphSettings {
     }
 
     /// The smoothing length: half the support.
-    fn smoothing_length(&self) -> f64 {
+    pub(super) fn smoothing_length(&self) -> f64 {
         0.5 * self.fluid.support
+    }
+
+    /// Speed of signals in the fluid at rest: that of sound, and what artificial viscosity asks for.
+    pub(super) fn signal_speed(&self) -> f64 {
+        self.sound_speed * (1.0 + 0.6 * self.artificial_viscosity)
+    }
+
+    /// Half the time in which laminar viscosity spreads over a smoothing length; infinite without it.
+    pub(super) fn viscous_step(&self) -> f64 {
+        0.5 * self.smoothing_length() * self.smoothing_length() / self.viscosity
     }
 }
 
@@ -200,9 +210,7 @@ impl CpuModel for CpuWcsph {
         let speed2 = state.velocities.iter().map(|velocity| velocity.length_squared()).fold(0.0, f64::max);
         let densest = state.densities.iter().copied().fold(settings.fluid.rest_density, f64::max);
         let stiffening = (densest / settings.fluid.rest_density).powf(0.5 * (settings.exponent - 1.0));
-        let sound = settings.sound_speed * stiffening.max(1.0) * (1.0 + 0.6 * settings.artificial_viscosity);
-        let length = settings.smoothing_length();
-        let viscous = 0.5 * length * length / settings.viscosity;
-        (length / (sound + speed2.sqrt())).min(viscous)
+        let sound = settings.signal_speed() * stiffening.max(1.0);
+        (settings.smoothing_length() / (sound + speed2.sqrt())).min(settings.viscous_step())
     }
 }

@@ -14,6 +14,8 @@
 //! Cost: two sums over the neighbours a step.
 
 mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
 
 use super::Fluid;
 use super::SmoothingKernel;
@@ -21,6 +23,11 @@ use super::scene::{not_negative, positive};
 use crate::Result;
 
 pub(super) use cpu::CpuWcsph;
+#[cfg(feature = "gpu")]
+pub(super) use gpu::GpuWcsph;
+#[cfg(feature = "gpu")]
+#[doc(hidden)]
+pub use gpu::{WcsphFluid, WcsphLimits};
 
 /// Of weakly compressible fluids: p = c² ρ₀ / γ ((ρ / ρ₀)^γ − 1).
 #[derive(Debug, Clone, Copy, PartialEq)]
