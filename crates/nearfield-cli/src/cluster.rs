@@ -57,7 +57,7 @@ struct Clustered {
     picture: Option<PathBuf>,
 
     #[command(flatten)]
-    framing: Framing<1600, 1000>,
+    framing: Framing,
 
     /// Where to compute: auto, cpu, gpu, gpu:N as `nearfield devices` counts, or part of a name
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
@@ -236,6 +236,6 @@ impl Clustered {
             bar: None,
             swatches: vec![],
         };
-        picture::draw(&scene, self.framing.picture_size)
+        picture::draw(&scene, self.framing.size())
     }
 }

@@ -99,7 +99,7 @@ pub(crate) struct NeighborsArgs {
     color: Option<Color>,
 
     #[command(flatten)]
-    framing: Framing<1600, 1000>,
+    framing: Framing,
 
     /// Print the summary as one JSON object
     #[arg(long)]
@@ -248,7 +248,7 @@ pub(crate) fn run(args: &NeighborsArgs, common: &Common) -> Result<(), Failure> 
             shown_row,
         };
         let up = args.framing.up.unwrap_or_else(|| neighbors_picture::guess_up(&found, &args.input, args.format));
-        let image = neighbors_picture::draw(&found, color, up, args.framing.picture_size);
+        let image = neighbors_picture::draw(&found, color, up, args.framing.size());
         nearfield::io::write_atomically(path, args.force, |w| image.write_png(w)).map_err(Failure::writing)?;
         times.picture = milliseconds(clock);
     }

@@ -84,7 +84,7 @@ pub(crate) struct NormalsArgs {
     picture: Option<PathBuf>,
 
     #[command(flatten)]
-    framing: Framing<1600, 1000>,
+    framing: Framing,
 
     #[command(flatten)]
     files: SummaryOptions,
@@ -348,7 +348,7 @@ impl NormalsArgs {
             bar: None,
             swatches: vec![],
         };
-        picture::draw(&scene, self.framing.picture_size)
+        picture::draw(&scene, self.framing.size())
     }
 
     /// How normals were turned, in words.

@@ -193,16 +193,28 @@ impl FromStr for PictureSize {
     }
 }
 
-/// How a picture is drawn, of commands that draw one with `--picture`; its size where none is given.
+/// How a picture is drawn, of commands that draw one with `--picture`.
 #[derive(Debug, Clone, Copy, clap::Args)]
-pub(crate) struct Framing<const WIDTH: u32, const HEIGHT: u32> {
-    /// Width and height of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value_t = PictureSize { width: WIDTH, height: HEIGHT }, requires = "picture")]
-    pub(crate) picture_size: PictureSize,
+pub(crate) struct Framing {
+    /// Width and height of the picture in pixels [default: 1600x1000; 1600x900 where two clouds stand side by side]
+    #[arg(long, value_name = "WxH", requires = "picture")]
+    picture_size: Option<PictureSize>,
 
     /// The direction that is up in the picture [default: guessed from the shape]
     #[arg(long, value_name = "AXIS", requires = "picture")]
     pub(crate) up: Option<Up>,
+}
+
+impl Framing {
+    /// Of a picture of one cloud.
+    pub(crate) fn size(&self) -> PictureSize {
+        self.picture_size.unwrap_or(PictureSize { width: 1600, height: 1000 })
+    }
+
+    /// Of a picture of two clouds side by side.
+    pub(crate) fn size_for_two(&self) -> PictureSize {
+        self.picture_size.unwrap_or(PictureSize { width: 1600, height: 900 })
+    }
 }
 
 /// Formats of what is read and of the cloud that is written.

@@ -87,7 +87,7 @@ pub(crate) struct ResampleArgs {
     picture: Option<PathBuf>,
 
     #[command(flatten)]
-    framing: Framing<1600, 900>,
+    framing: Framing,
 
     #[command(flatten)]
     pub(crate) files: CloudOptions,
@@ -289,7 +289,7 @@ impl ResampleArgs {
             words: words.to_owned(),
             up: self.framing.up,
         };
-        let image = smooth_picture::draw(&shown, self.framing.picture_size).map_err(Failure::Search)?;
+        let image = smooth_picture::draw(&shown, self.framing.size_for_two()).map_err(Failure::Search)?;
         write_atomically(path, self.files.force, |w| image.write_png(w)).map_err(Failure::writing)?;
         Ok(milliseconds(clock))
     }

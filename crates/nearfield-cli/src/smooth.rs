@@ -88,7 +88,7 @@ pub(crate) struct SmoothArgs {
     picture: Option<PathBuf>,
 
     #[command(flatten)]
-    framing: Framing<1600, 900>,
+    framing: Framing,
 
     #[command(flatten)]
     pub(crate) files: CloudOptions,
@@ -254,7 +254,7 @@ pub(crate) fn run(args: &SmoothArgs, common: &Common) -> Result<(), Failure> {
             words: smooth_report::subtitle(args, &done.reports),
             up: args.framing.up,
         };
-        let image = smooth_picture::draw(&shown, args.framing.picture_size).map_err(Failure::Search)?;
+        let image = smooth_picture::draw(&shown, args.framing.size_for_two()).map_err(Failure::Search)?;
         write_atomically(path, args.files.force, |w| image.write_png(w)).map_err(Failure::writing)?;
         times.picture = milliseconds(clock);
     }

@@ -28,6 +28,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("sizes_that_do_not_fit_are_refused", sizes_that_do_not_fit_are_refused),
         gpu_trial("pipelines_are_compiled_once", pipelines_are_compiled_once),
         gpu_trial("a_callers_own_module_is_a_kernel", a_callers_own_module_is_a_kernel),
+        gpu_trial("repeated_work_runs_as_often_as_asked", repeated_work_runs_as_often_as_asked),
         gpu_trial("work_that_the_driver_refuses_is_an_error", work_that_the_driver_refuses_is_an_error),
         gpu_trial("a_wrong_access_is_rejected_with_the_kernel", a_wrong_access_is_rejected_with_the_kernel),
         gpu_trial("every_stage_has_its_time", every_stage_has_its_time),
@@ -256,6 +257,33 @@ fn a_callers_own_module_is_a_kernel(gpu: &Gpu) {
         commands.run().unwrap();
         assert!(gpu.read(&buffer).unwrap().iter().copied().eq((0..100).map(|v| 2 * v)));
     }
+}
+
+fn repeated_work_runs_as_often_as_asked(gpu: &Gpu) {
+    let module = "package::callers::double";
+    let fills = [(module, Fill::Caller(DOUBLE))];
+    let kernel = Kernel { fills: &fills, ..Kernel::new(module, "double", &[Access::ReadWrite], 64) };
+    let pipeline = gpu.pipeline(&kernel).unwrap();
+    // Around the number of repetitions that are submitted together.
+    for times in [0, 1, 3, 4, 5, 8, 11] {
+        let (one, other) = (gpu.upload("values", &[3u32; 70]).unwrap(), gpu.upload("others", &[0u32; 50]).unwrap());
+        let mut commands = gpu.commands("double");
+        commands.stage("first").dispatch(&pipeline, &[(&one).into()], Workgroups::Covering(70));
+        // What one repetition leaves is there for the next.
+        commands.stage("second").copy_from(&one, 20, &other).dispatch(
+            &pipeline,
+            &[(&other).into()],
+            Workgroups::Covering(50),
+        );
+        commands.submit_repeated(times).unwrap();
+        assert_eq!(gpu.read(&one).unwrap(), vec![3 << times; 70], "{times} times");
+        let last = if times == 0 { 0 } else { 3 << (times + 1) };
+        assert_eq!(gpu.read(&other).unwrap(), vec![last; 50], "{times} times");
+    }
+    let (short, long) = (gpu.upload("short", &[1u32; 4]).unwrap(), gpu.upload("long", &[1u32; 5]).unwrap());
+    let mut commands = gpu.commands("too much");
+    commands.copy_from(&short, 0, &long);
+    assert!(matches!(commands.submit(), Err(Error::LengthMismatch { found: 4, expected: 5, .. })));
 }
 
 fn run(gpu: &Gpu, pipeline: &Arc<Pipeline>, bindings: &[Bind]) -> nearfield::Result<()> {

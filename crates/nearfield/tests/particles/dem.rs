@@ -12,13 +12,16 @@ use crate::support::{Random, trial};
 
 /// Contacts, mean height, kinetic energy a particle, highest speed after so many steps of Green2010's start with 16,384 grains, by a program
 /// of its own in double precision that compares all pairs.
-const GOLDEN: [(u32, u64, f64, f64, f64); 6] = [
+const GOLDEN: [(u32, u64, f64, f64, f64); 9] = [
     (1, 23_851, -0.596_846, 1.594_909e-8, 0.000_35),
     (10, 26_849, -0.600_515, 9.301_988e-7, 0.001_63),
     (50, 32_119, -0.659_663, 1.035_629e-5, 0.007_46),
     (100, 48_863, -0.771_646, 1.923_096e-5, 0.012_97),
     (200, 33_340, -0.869_467, 3.359_957e-5, 0.015_22),
     (300, 30_996, -0.922_558, 2.812_795e-5, 0.017_53),
+    (500, 38_365, -0.939_226, 5.433_706e-6, 0.006_85),
+    (1000, 48_017, -0.945_452, 2.333e-7, 0.002_04),
+    (2000, 55_947, -0.947_626, 2.217e-8, 0.001_35),
 ];
 
 pub(crate) fn trials() -> Vec<Trial> {
@@ -30,6 +33,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         trial("grains_that_are_too_fast_end_the_simulation", blow_up_is_told),
         trial("scenes_that_cannot_be_simulated_are_errors", wrong_scenes_are_errors),
         trial("a_simulation_goes_on_from_saved_grains", resumes),
+        trial("grains_in_the_plane_stay_there", plane_is_kept),
     ];
     for rule in PairRule::ALL {
         let name = format!("every_search_gives_the_same_grains_{}", rule.name());
@@ -275,7 +279,30 @@ fn resumes() {
     resumed.advance(10, &mut Watch::none()).unwrap();
     assert_eq!(resumed.particles().unwrap(), expected.particles().unwrap());
     assert_eq!((resumed.step(), resumed.time()), (20, 10.0));
+    let mut other = half.particles().unwrap();
+    other.classes.swap(0, 1);
+    let refused = resumed.resume(&other, 0, 0.0);
+    assert!(matches!(refused, Err(Error::InvalidSetting { setting: "class of a particle", .. })), "{refused:?}");
     let few = Particles::at_rest(vec![DVec3::splat(0.5); 3]);
     let refused = resumed.resume(&few, 0, 0.0);
     assert!(matches!(refused, Err(Error::LengthMismatch { found: 3, expected: 600, .. })), "{refused:?}");
+}
+
+/// The same grains in a plane, which is the whole domain along z.
+pub(crate) fn in_the_plane() -> ParticleScene {
+    let mut scene = three_classes(PairRule::Contact);
+    scene.dimensions = Dimensions::Two;
+    (scene.domain[0].z, scene.domain[1].z) = (0.0, 0.0);
+    let moving = &mut scene.particles;
+    moving.positions.iter_mut().chain(&mut moving.velocities).for_each(|vector| vector.z = 0.0);
+    scene
+}
+
+fn plane_is_kept() {
+    let simulation = run(&in_the_plane(), &SimulationSettings::default(), 20);
+    let particles = simulation.particles().unwrap();
+    assert!(particles.positions.iter().chain(&particles.velocities).all(|vector| vector.z == 0.0));
+    assert_eq!(measure(&simulation).outside, 0);
+    let mut resumed = Simulation::new(&in_the_plane(), &SimulationSettings::default()).unwrap();
+    resumed.resume(&particles, 20, 10.0).unwrap();
 }

@@ -4,18 +4,20 @@ use libtest_mimic::Trial;
 use nearfield::Error;
 use nearfield::application::Watch;
 use nearfield::application::particles::{
-    GpuSimulation, Measures, PairRule, ParticleScene, ParticleSearch, Particles, Simulate, Simulation,
+    GpuSimulation, Measures, PairRule, ParticleModel, ParticleScene, ParticleSearch, Particles, Simulate, Simulation,
     SimulationSettings, StepReport,
 };
 use nearfield::gpu::Gpu;
 
-use crate::dem::{few_grains, searches, three_classes};
+use crate::dem::{few_grains, in_the_plane, searches, three_classes};
 use crate::support::gpu_trial;
 
 pub(crate) fn trials() -> Vec<Trial> {
     let mut trials = vec![
         gpu_trial("grains_on_the_device_are_those_of_the_cpu", device_is_cpu),
         gpu_trial("momentum_stays_on_the_device", momentum_stays),
+        gpu_trial("grains_in_the_plane_stay_there_on_the_device", plane_is_kept),
+        gpu_trial("grains_that_are_no_numbers_are_named_on_the_device", not_a_number_is_told),
         gpu_trial("grains_on_the_device_can_be_none_one_or_all_in_one_place", few_and_coincident),
         gpu_trial("grains_that_are_too_fast_end_the_simulation_on_the_device", blow_up_is_told),
         gpu_trial("a_simulation_on_the_device_goes_on_from_saved_grains", resumes),
@@ -64,10 +66,42 @@ fn momentum_stays(gpu: &Gpu) {
     scene.gravity = nearfield::DVec3::ZERO;
     scene.domain = [nearfield::DVec3::splat(-10.0), nearfield::DVec3::splat(10.0)];
     let before = Measures::of(&scene, &scene.particles);
-    let (particles, _) = run(gpu, &scene, &SimulationSettings::default(), 50);
-    let after = Measures::of(&scene, &particles);
-    let moved = particles.velocities.iter().map(|v| v.length()).sum::<f64>();
-    assert!((after.momentum - before.momentum).length() <= 1e-6 * moved, "{} to {}", before.momentum, after.momentum);
+    for (deterministic, spring) in [(false, 0.02), (true, 0.02), (false, 0.0), (true, 0.0)] {
+        if let ParticleModel::Dem(settings) = &mut scene.model {
+            settings.spring = spring;
+        }
+        let settings = SimulationSettings { deterministic, ..SimulationSettings::default() };
+        let (particles, _) = run(gpu, &scene, &settings, 50);
+        let after = Measures::of(&scene, &particles);
+        let moved = particles.velocities.iter().map(|v| v.length()).sum::<f64>();
+        let drift = (after.momentum - before.momentum).length();
+        assert!(drift <= 1e-6 * moved, "{deterministic}, {spring}: {} to {}", before.momentum, after.momentum);
+    }
+}
+
+fn plane_is_kept(gpu: &Gpu) {
+    let mut scene = in_the_plane();
+    // A middle that single precision does not have.
+    (scene.domain[0].z, scene.domain[1].z) = (0.0, 0.2);
+    let (particles, _) = run(gpu, &scene, &SimulationSettings::default(), 20);
+    assert!(particles.positions.iter().chain(&particles.velocities).all(|vector| vector.z == 0.0));
+    let mut resumed = GpuSimulation::new(gpu, &scene, &SimulationSettings::default()).unwrap();
+    resumed.resume(&particles, 20, 10.0).unwrap();
+}
+
+fn not_a_number_is_told(gpu: &Gpu) {
+    let mut scene = three_classes(PairRule::Contact);
+    // Pushes that no number has: the velocities of all that touch are infinite or none.
+    if let ParticleModel::Dem(settings) = &mut scene.model {
+        settings.spring = 1e38;
+    }
+    for search in searches() {
+        let mut simulation =
+            GpuSimulation::new(gpu, &scene, &SimulationSettings { search, ..Default::default() }).unwrap();
+        let ended = simulation.advance(5, &mut Watch::none());
+        assert!(matches!(ended, Err(Error::BlowUp { step: 1 | 2, .. })), "{search}: {ended:?}");
+        assert!(simulation.particles().unwrap().positions.iter().all(|p| p.is_finite()), "{search}");
+    }
 }
 
 fn few_and_coincident(gpu: &Gpu) {
