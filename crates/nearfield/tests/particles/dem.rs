@@ -8,7 +8,7 @@ use nearfield::application::particles::{
 };
 use nearfield::{DVec3, Error, RebuildPolicy};
 
-use crate::support::{Random, trial};
+use crate::support::{Random, is_long, trial};
 
 /// Contacts, mean height, kinetic energy a particle, highest speed after so many steps of Green2010's start with 16,384 grains, by a program
 /// of its own in double precision that compares all pairs.
@@ -101,8 +101,13 @@ fn measure(simulation: &Simulation) -> Measures {
 
 fn golden_table_is_met() {
     let scene = builtin_scene("dem-box", &BuiltinOptions::default()).unwrap();
-    let mut simulation = Simulation::new(&scene, &SimulationSettings::default()).unwrap();
+    // Sums in the order of indices, as there.
+    let settings = SimulationSettings { deterministic: true, reorder_every: 0, ..SimulationSettings::default() };
+    let mut simulation = Simulation::new(&scene, &settings).unwrap();
     for (step, contacts, height, energy, speed) in GOLDEN {
+        if step > 500 && !is_long() {
+            break;
+        }
         let steps = step - simulation.step() as u32;
         let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
         let measures = measure(&simulation);
