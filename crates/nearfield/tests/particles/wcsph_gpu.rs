@@ -176,9 +176,19 @@ fn searches_agree(gpu: &Gpu) {
     }
 }
 
+/// A lattice at rest between a floor and walls of two layers, as many as it feels, which are half as high again as it.
+fn tank(size: [i32; 3]) -> ParticleScene {
+    let mut scene = compressible(column(Dimensions::Three, size));
+    let outer = [size[0] + 4, size[1] * 3 / 2 + 2, size[2] + 4];
+    scene.boundary = lattice(outer, SPACING, DVec3::splat(-1.5 * SPACING));
+    let end = |axis: usize| f64::from(size[axis]) * SPACING;
+    scene.boundary.retain(|p| p.x < 0.0 || p.x > end(0) || p.y < 0.0 || p.z < 0.0 || p.z > end(2));
+    scene
+}
+
 fn tanks_rest(gpu: &Gpu) {
     let (size, steps) = if long_cases(gpu) { ([16, 24, 16], 4000) } else { ([5, 8, 5], 600) };
-    let mut scene = compressible(column(Dimensions::Three, size));
+    let mut scene = tank(size);
     let height = f64::from(size[1]) * SPACING;
     let sound = 10.0 * (2.0 * 9.81 * height).sqrt();
     wcsph(&mut scene).sound_speed = sound;
@@ -197,10 +207,10 @@ fn tanks_rest(gpu: &Gpu) {
         reports[reports.len() - 1].density_error,
         measures.max_speed
     );
-    assert!((relative - 1.0).abs() <= 0.02, "{relative} of the height");
+    assert!((relative - 1.0).abs() <= 0.01, "{relative} of the height");
     // Nowhere faster than what falls half a spacing.
     assert!(measures.max_speed <= (9.81 * SPACING).sqrt(), "{}", measures.max_speed);
-    assert!((mean / expected - 1.0).abs() <= 0.5, "{mean} for {expected}");
+    assert!((mean / expected - 1.0).abs() <= 0.2, "{mean} for {expected}");
     assert_eq!(measures.outside, 0);
 }
 
