@@ -307,9 +307,11 @@ fn boundary_volumes(settings: &DfsphSettings, lattice: &Lattice, scene: &Particl
     if scene.boundary.is_empty() {
         return Ok(Vec::new());
     }
-    let alone = State { positions: scene.boundary.clone(), classes: vec![0..0], ..State::default() };
+    // Nothing moves.
+    let alone =
+        State { positions: scene.boundary.clone(), classes: std::iter::once(0..0).collect(), ..State::default() };
     let (images, reach) = (Images::new(scene.domain, scene.periodic), Reach::one(settings.fluid.support));
-    let classes = vec![0..alone.positions.len()];
+    let classes = std::iter::once(0..alone.positions.len()).collect();
     let mut around = Neighborhood::new(ParticleSearch::UniformGrid, true, scene.domain, images, classes, reach);
     around.follow(&alone.positions)?;
     let masses = masses(&settings.fluid, settings.smoothing, scene.dimensions, &alone, &around)?;
