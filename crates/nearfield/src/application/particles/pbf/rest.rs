@@ -60,16 +60,19 @@ impl AtRest {
     }
 
     /// Factor of poly6 for a particle: V W is this times the kernel's shape.
+    #[cfg(feature = "gpu")]
     pub(super) fn value_factor(&self) -> f64 {
         self.volume * self.value_norm
     }
 
     /// Factor of the gradient of spiky for a particle, times the support.
+    #[cfg(feature = "gpu")]
     pub(super) fn gradient_factor(&self) -> f64 {
         self.volume * self.slope_norm * self.support
     }
 
     /// Factor of s for the fourth power of poly6's shape.
+    #[cfg(feature = "gpu")]
     pub(super) fn tensile_factor(&self) -> f64 {
         self.tensile
     }
