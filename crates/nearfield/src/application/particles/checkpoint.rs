@@ -54,7 +54,7 @@ impl Checkpoint {
     }
 
     /// Writes it as NPZ: `positions` and `velocities` (f64, [n, 3]), `classes` (u8), `densities` (f64, where there are any), `order` (u32),
-    /// `step` (u64, [1]) and `time` (f64, [1]). The file is there whole or as it was before.
+    /// `step` (u64, `[1]`) and `time` (f64, `[1]`). The file is there whole or as it was before.
     ///
     /// # Errors
     /// `Io` with the path, where the file exists and `force` is not set too.
