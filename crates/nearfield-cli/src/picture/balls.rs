@@ -154,19 +154,19 @@ mod tests {
         draw_balls(&scene, &vec![radius; points.len()], &space, PictureSize { width: 400, height: 400 })
     }
 
-    fn red(image: &Image) -> usize {
-        image.pixels.iter().filter(|[r, g, b]| *r > 60 && *g < 20 && *b < 20).count()
-    }
-
     #[test]
-    fn a_disc_has_the_area_of_its_radius() {
-        // The square of side 1 fills 96 % of 294 pixels, what the margins leave of the height.
-        let side = 0.96 * 294.0;
-        for radius in [0.1f32, 0.2] {
-            let expected = std::f32::consts::PI * (radius * side).powi(2);
-            let found = red(&drawn(&[Vec3::new(0.5, 0.5, 0.0)], radius, true)) as f32;
-            assert!((found / expected - 1.0).abs() < 0.1, "radius {radius}: {found} pixels, not {expected}");
-        }
+    fn discs_have_the_areas_of_their_radii() {
+        let empty = drawn(&[], 0.1, true);
+        let area = |radius: f32| {
+            let image = drawn(&[Vec3::new(0.5, 0.5, 0.0)], radius, true);
+            image.pixels.iter().zip(&empty.pixels).filter(|(a, b)| a != b).count() as f32
+        };
+        let [small, large, whole] = [0.1, 0.2, 0.5].map(area);
+        // The rim of a disc of some 25 pixels is known to half a pixel: 4 % of its area.
+        assert!((large / small / 4.0 - 1.0).abs() < 0.06, "{small} and {large} pixels");
+        // One that touches all sides of the square has a quarter of pi of its pixels; the square has a third of the picture or more.
+        assert!((whole / small / 25.0 - 1.0).abs() < 0.08, "{small} and {whole} pixels");
+        assert!(whole > std::f32::consts::FRAC_PI_4 * 400.0 * 400.0 / 3.0, "{whole} pixels");
     }
 
     #[test]
