@@ -41,11 +41,11 @@ pub(crate) struct Look {
 
 impl Look {
     pub(crate) fn of(scene: &ParticleScene, color: Option<ColorBy>, size: PictureSize) -> Result<Self, Failure> {
-        let (radii, rest_density) = match &scene.model {
-            ParticleModel::Dem(dem) => (dem.radii.iter().map(|&radius| radius as f32).collect(), None),
-            ParticleModel::Pbf(pbf) => (vec![(FLUID * pbf.fluid.spacing) as f32], Some(pbf.fluid.rest_density)),
-            ParticleModel::Wcsph(wcsph) => (vec![(FLUID * wcsph.fluid.spacing) as f32], Some(wcsph.fluid.rest_density)),
-            ParticleModel::Dfsph(dfsph) => (vec![(FLUID * dfsph.fluid.spacing) as f32], Some(dfsph.fluid.rest_density)),
+        let fluid = scene.model.fluid();
+        let rest_density = fluid.map(|fluid| fluid.rest_density);
+        let radii: Vec<f32> = match &scene.model {
+            ParticleModel::Dem(dem) => dem.radii.iter().map(|&radius| radius as f32).collect(),
+            _ => fluid.iter().map(|fluid| (FLUID * fluid.spacing) as f32).collect(),
         };
         let usual = if radii.len() > 1 { ColorBy::Class } else { ColorBy::Speed };
         let color = color.unwrap_or(usual);

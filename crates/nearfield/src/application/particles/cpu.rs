@@ -11,7 +11,7 @@ use super::reach::Reach;
 use super::simulate::{same_order, same_particles};
 use super::state::State;
 use super::wcsph::CpuWcsph;
-use super::{Measures, ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
+use super::{ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
 use crate::application::Watch;
 use crate::geometry::validate::MAX_COORDINATE;
 use crate::{Error, Result};
@@ -53,7 +53,6 @@ pub struct Simulation {
     model: Box<dyn CpuModel>,
     step: u64,
     time: f64,
-    last: StepDone,
 }
 
 impl Simulation {
@@ -87,7 +86,6 @@ impl Simulation {
             model,
             step: 0,
             time: 0.0,
-            last: StepDone::default(),
         })
     }
 
@@ -112,7 +110,6 @@ impl Simulation {
         })?;
         self.step += 1;
         self.time += done.step;
-        self.last = done;
         let rebuilds = self.around.rebuilds() - before;
         let n = self.state.n_moving().max(1) as f64;
         Ok(StepReport {
@@ -178,11 +175,6 @@ impl Simulate for Simulation {
 
     fn particles(&self) -> Result<Particles> {
         Ok(self.state.particles())
-    }
-
-    fn measure(&self) -> Result<Measures> {
-        let particles = self.state.particles();
-        Ok(Measures::of(&self.scene, &particles))
     }
 
     fn resume(&mut self, particles: &Particles, step: u64, time: f64) -> Result<()> {

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Dimensions, ParticleModel, ParticleScene, Particles};
+use super::{Dimensions, ParticleScene, Particles};
 
 /// Sums over all particles. Grains have mass 1, particles of a fluid that of the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -32,12 +32,8 @@ pub struct Measures {
 impl Measures {
     /// Of particles of the scene. Sums are taken in the order of indices.
     pub fn of(scene: &ParticleScene, particles: &Particles) -> Self {
-        let (mass, rest_density) = match &scene.model {
-            ParticleModel::Dem(_) => (1.0, 1.0),
-            ParticleModel::Pbf(pbf) => (pbf.fluid.mass(scene.dimensions), pbf.fluid.rest_density),
-            ParticleModel::Wcsph(wcsph) => (wcsph.fluid.mass(scene.dimensions), wcsph.fluid.rest_density),
-            ParticleModel::Dfsph(dfsph) => (dfsph.fluid.mass(scene.dimensions), dfsph.fluid.rest_density),
-        };
+        let mass = scene.model.fluid().map_or(1.0, |fluid| fluid.mass(scene.dimensions));
+        let rest_density = scene.model.rest_density();
         let n = particles.len().max(1) as f64;
         let mut measures = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY, ..Self::default() };
         let mut sum = DVec3::ZERO;

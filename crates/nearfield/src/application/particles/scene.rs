@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{DemSettings, DfsphSettings, PbfSettings, WcsphSettings};
+use super::{DemSettings, DfsphSettings, Fluid, PbfSettings, WcsphSettings};
 use crate::{Error, Result};
 
 /// Largest number of classes of radii.
@@ -131,9 +131,19 @@ impl ParticleModel {
         }
     }
 
+    /// The fluid; none of grains.
+    pub fn fluid(&self) -> Option<&Fluid> {
+        match self {
+            Self::Dem(_) => None,
+            Self::Pbf(pbf) => Some(&pbf.fluid),
+            Self::Wcsph(wcsph) => Some(&wcsph.fluid),
+            Self::Dfsph(dfsph) => Some(&dfsph.fluid),
+        }
+    }
+
     /// Whether the particles are parts of a fluid.
     pub fn is_fluid(&self) -> bool {
-        !matches!(self, Self::Dem(_))
+        self.fluid().is_some()
     }
 
     /// The distance within which particles act on each other, at most.
@@ -148,12 +158,7 @@ impl ParticleModel {
 
     /// Density of the fluid at rest; 1 for grains.
     pub fn rest_density(&self) -> f64 {
-        match self {
-            Self::Dem(_) => 1.0,
-            Self::Pbf(pbf) => pbf.fluid.rest_density,
-            Self::Wcsph(wcsph) => wcsph.fluid.rest_density,
-            Self::Dfsph(dfsph) => dfsph.fluid.rest_density,
-        }
+        self.fluid().map_or(1.0, |fluid| fluid.rest_density)
     }
 
     fn validate(&self) -> Result<()> {

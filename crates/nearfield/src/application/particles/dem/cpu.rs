@@ -82,7 +82,10 @@ impl CpuModel for CpuDem {
         around.follow(&state.positions)?;
         let (positions, velocities) = (&state.positions, &state.velocities);
         let (settings, rule) = (&self.settings, self.settings.pair_rule);
-        let radius_of: Vec<f64> = (0..positions.len()).map(|i| settings.radii[state.class_of(i)]).collect();
+        let mut radius_of = Vec::with_capacity(positions.len());
+        for (class, &radius) in state.classes.iter().zip(&settings.radii) {
+            radius_of.resize(class.end, radius);
+        }
         let received = around.fold(|i, row, mut received: Received| {
             let (own, at, velocity) = (radius_of[i], positions[i], velocities[i]);
             for j in row.iter().filter(|&j| j != i) {

@@ -163,7 +163,7 @@ fn particles(entries: &SceneEntries, scene: &ParticleScene) -> Result<Particles>
 
 /// The walls of the file.
 fn boundary(entries: &SceneEntries, scene: &ParticleScene) -> Result<Vec<DVec3>> {
-    let Some(spacing) = fluid_spacing(&scene.model) else {
+    let Some(spacing) = scene.model.fluid().map(|fluid| fluid.spacing) else {
         if entries.walls.is_empty() {
             return Ok(Vec::new());
         }
@@ -190,20 +190,11 @@ fn boundary(entries: &SceneEntries, scene: &ParticleScene) -> Result<Vec<DVec3>>
     Ok(all)
 }
 
-fn fluid_spacing(model: &ParticleModel) -> Option<f64> {
-    match model {
-        ParticleModel::Dem(_) => None,
-        ParticleModel::Pbf(pbf) => Some(pbf.fluid.spacing),
-        ParticleModel::Wcsph(wcsph) => Some(wcsph.fluid.spacing),
-        ParticleModel::Dfsph(dfsph) => Some(dfsph.fluid.spacing),
-    }
-}
-
 /// The spacing of a block.
 fn spacing_of(scene: &ParticleScene, own: Option<f64>, class: u8) -> Result<f64> {
     let usual = match &scene.model {
         ParticleModel::Dem(dem) => dem.radii.get(usize::from(class)).map(|radius| 2.0 * radius),
-        fluid => fluid_spacing(fluid).filter(|_| class == 0),
+        model => model.fluid().map(|fluid| fluid.spacing).filter(|_| class == 0),
     };
     let usual = usual.ok_or_else(|| fault(format!("class = {class}"), "a class that has a radius"))?;
     let spacing = own.unwrap_or(usual);
