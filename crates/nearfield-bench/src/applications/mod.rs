@@ -32,7 +32,7 @@ use std::path::PathBuf;
 use nearfield::gpu::DeviceChoice;
 
 use crate::Result;
-use crate::paper::lab::Lab;
+use crate::paper::lab::{Lab, one_of};
 use crate::paper::methods::{self, Plug};
 use crate::paper::rows::Row;
 use crate::paper::summary::{self, Head};
@@ -90,8 +90,7 @@ const HEAD: Head<'_> = Head {
 };
 
 fn experiment(text: &str) -> std::result::Result<String, String> {
-    let names = EXPERIMENTS.map(|(name, _)| name);
-    if names.contains(&text) { Ok(text.to_owned()) } else { Err(format!("expected one of {}", names.join(", "))) }
+    one_of(&EXPERIMENTS.map(|(name, _)| name), text)
 }
 
 /// Runs the experiments that are named and writes their files.

@@ -20,6 +20,14 @@ pub const L: f64 = 2.0 * 1.732_050_807_568_877_2;
 /// No experiment has fewer points: below, trees have too few levels to show anything.
 const FEWEST: usize = 2000;
 
+/// The name of an experiment, as the command line takes it.
+///
+/// # Errors
+/// Says which names there are.
+pub fn one_of(names: &[&str], text: &str) -> std::result::Result<String, String> {
+    if names.contains(&text) { Ok(text.to_owned()) } else { Err(format!("expected one of {}", names.join(", "))) }
+}
+
 /// Devices, scale, budget and folder.
 pub struct Lab {
     gpu: Option<Machine>,
