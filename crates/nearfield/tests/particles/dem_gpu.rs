@@ -4,12 +4,13 @@ use libtest_mimic::Trial;
 use nearfield::Error;
 use nearfield::application::Watch;
 use nearfield::application::particles::{
-    GpuSimulation, Measures, PairRule, ParticleModel, ParticleScene, ParticleSearch, Particles, Simulate, Simulation,
+    GpuSimulation, Measures, PairRule, ParticleModel, ParticleSearch, Particles, Simulate, Simulation,
     SimulationSettings, StepReport,
 };
 use nearfield::gpu::Gpu;
 
 use crate::dem::{few_grains, in_the_plane, searches, three_classes};
+use crate::runs::run;
 use crate::support::gpu_trial;
 
 pub(crate) fn trials() -> Vec<Trial> {
@@ -27,12 +28,6 @@ pub(crate) fn trials() -> Vec<Trial> {
         trials.push(gpu_trial(name, move |gpu| searches_agree(gpu, rule)));
     }
     trials
-}
-
-fn run(gpu: &Gpu, scene: &ParticleScene, settings: &SimulationSettings, steps: u32) -> (Particles, Vec<StepReport>) {
-    let mut simulation = GpuSimulation::new(gpu, scene, settings).unwrap();
-    let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
-    (simulation.particles().unwrap(), reports)
 }
 
 fn device_is_cpu(gpu: &Gpu) {

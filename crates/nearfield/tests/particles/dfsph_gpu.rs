@@ -3,14 +3,15 @@
 use libtest_mimic::Trial;
 use nearfield::application::Watch;
 use nearfield::application::particles::{
-    DfsphSettings, Dimensions, Fluid, GpuSimulation, Measures, ParticleModel, ParticleScene, ParticleSearch, Particles,
-    Simulate, Simulation, SimulationSettings, SmoothingKernel, StepReport, TimeStep,
+    DfsphSettings, Dimensions, Fluid, GpuSimulation, Measures, ParticleModel, ParticleScene, ParticleSearch, Simulate,
+    SimulationSettings, SmoothingKernel, StepReport, TimeStep,
 };
 use nearfield::gpu::Gpu;
 use nearfield::{DVec3, Error};
 
 use crate::dem::searches;
 use crate::pbf::{SPACING, WIDE, column, disturbed, lattice, scene};
+use crate::runs::{on_cpu, run};
 use crate::support::{gpu_trial, long_cases};
 
 const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
@@ -28,18 +29,6 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("dfsph_steps_by_speed_on_the_device_follow_the_rule", steps_by_speed),
         gpu_trial("dfsph_on_the_device_goes_on_from_saved_particles_and_after_errors", goes_on),
     ]
-}
-
-fn run(gpu: &Gpu, scene: &ParticleScene, settings: &SimulationSettings, steps: u32) -> (Particles, Vec<StepReport>) {
-    let mut simulation = GpuSimulation::new(gpu, scene, settings).unwrap();
-    let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
-    (simulation.particles().unwrap(), reports)
-}
-
-fn on_cpu(scene: &ParticleScene, settings: &SimulationSettings, steps: u32) -> (Particles, Vec<StepReport>) {
-    let mut simulation = Simulation::new(scene, settings).unwrap();
-    let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
-    (simulation.particles().unwrap(), reports)
 }
 
 /// The scene with incompressible water.

@@ -7,6 +7,7 @@ mod dfsph_gpu;
 mod pbf;
 mod pbf_gpu;
 mod pbf_reference;
+mod runs;
 mod scene_file;
 mod scenes;
 mod sph;

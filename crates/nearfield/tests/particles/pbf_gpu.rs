@@ -4,13 +4,14 @@ use libtest_mimic::Trial;
 use nearfield::DVec3;
 use nearfield::application::Watch;
 use nearfield::application::particles::{
-    Dimensions, GpuSimulation, Measures, ParticleScene, ParticleSearch, Particles, Simulate, Simulation,
-    SimulationSettings, StepReport, TimeStep,
+    Dimensions, GpuSimulation, Measures, ParticleScene, ParticleSearch, Simulate, SimulationSettings, StepReport,
+    TimeStep,
 };
 use nearfield::gpu::Gpu;
 
 use crate::dem::searches;
 use crate::pbf::{SPACING, WIDE, column, disturbed, lattice, pbf, scene};
+use crate::runs::{on_cpu, run};
 use crate::support::{gpu_trial, long_cases};
 
 pub(crate) fn trials() -> Vec<Trial> {
@@ -23,18 +24,6 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("position_based_fluids_on_the_device_can_be_none_one_or_all_in_one_place", few_and_coincident),
         gpu_trial("steps_by_speed_on_the_device_are_those_of_the_cpu", steps_by_speed),
     ]
-}
-
-fn run(gpu: &Gpu, scene: &ParticleScene, settings: &SimulationSettings, steps: u32) -> (Particles, Vec<StepReport>) {
-    let mut simulation = GpuSimulation::new(gpu, scene, settings).unwrap();
-    let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
-    (simulation.particles().unwrap(), reports)
-}
-
-fn on_cpu(scene: &ParticleScene, settings: &SimulationSettings, steps: u32) -> (Particles, Vec<StepReport>) {
-    let mut simulation = Simulation::new(scene, settings).unwrap();
-    let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
-    (simulation.particles().unwrap(), reports)
 }
 
 fn device_is_cpu(gpu: &Gpu) {

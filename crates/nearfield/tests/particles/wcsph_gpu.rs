@@ -4,13 +4,14 @@ use libtest_mimic::Trial;
 use nearfield::application::Watch;
 use nearfield::application::particles::{
     Dimensions, Fluid, GpuSimulation, Measures, ParticleModel, ParticleScene, ParticleSearch, Particles, Simulate,
-    Simulation, SimulationSettings, SmoothingKernel, StepReport, TimeStep, WcsphSettings,
+    SimulationSettings, SmoothingKernel, StepReport, TimeStep, WcsphSettings,
 };
 use nearfield::gpu::Gpu;
 use nearfield::{DVec3, Error};
 
 use crate::dem::searches;
 use crate::pbf::{SPACING, WIDE, column, disturbed, lattice, scene};
+use crate::runs::{on_cpu, run};
 use crate::support::{Random, gpu_trial, long_cases};
 
 const SEED: u64 = 21;
@@ -31,18 +32,6 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("wcsph_steps_on_the_device_are_those_of_the_cpu", steps_are_stable),
         gpu_trial("wcsph_on_the_device_goes_on_from_saved_particles_and_after_errors", goes_on),
     ]
-}
-
-fn run(gpu: &Gpu, scene: &ParticleScene, settings: &SimulationSettings, steps: u32) -> (Particles, Vec<StepReport>) {
-    let mut simulation = GpuSimulation::new(gpu, scene, settings).unwrap();
-    let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
-    (simulation.particles().unwrap(), reports)
-}
-
-fn on_cpu(scene: &ParticleScene, settings: &SimulationSettings, steps: u32) -> (Particles, Vec<StepReport>) {
-    let mut simulation = Simulation::new(scene, settings).unwrap();
-    let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
-    (simulation.particles().unwrap(), reports)
 }
 
 /// The scene with weakly compressible water that laminar and artificial viscosity slow down.
