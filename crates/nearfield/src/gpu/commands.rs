@@ -1,6 +1,6 @@
 //! Recording of dispatches and copies in named stages, and their times.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, OnceLock, mpsc};
 
 use super::buffer::Accounted;
 use super::{Buffer, DeviceElement, Gpu, Pipeline};
@@ -10,7 +10,9 @@ use crate::{Error, Result};
 const MOST_TIMED_STAGES: usize = wgpu::QUERY_SET_MAX_QUERIES as usize / 2;
 
 /// Repetitions that are submitted together.
-const TOGETHER: u32 = 4;
+const TOGETHER: u32 = 2;
+/// Most threads that make them ready.
+const ENCODERS: usize = 4;
 
 /// A buffer as a kernel sees it.
 #[derive(Debug, Clone)]
@@ -194,13 +196,17 @@ impl Commands {
     /// # Errors
     /// As [`Commands::submit`].
     pub fn submit_repeated(mut self, times: u32) -> Result<()> {
-        if times == 0 {
-            return self.error.map_or(Ok(()), Err);
+        if let Some(error) = self.error.take() {
+            return Err(error);
         }
         // Without times to take, all dispatches between two copies are one pass.
         let (name, steps) = (self.label, self.stages.drain(..).flat_map(|stage| stage.steps).collect());
         self.stages = vec![Stage { name, steps }];
-        self.encode_and_submit(false, times).map(drop)
+        match times {
+            0 => Ok(()),
+            1 => self.encode_and_submit(false).map(drop),
+            _ => submit_parts(&self.gpu, self.label, &self.stages, times),
+        }
     }
 
     /// Submits, waits, and returns the time of every stage; none where there is no memory to read them back.
@@ -210,7 +216,7 @@ impl Commands {
     pub fn run(self) -> Result<Vec<StageTime>> {
         let (gpu, label) = (self.gpu.clone(), self.label);
         let names: Vec<&'static str> = self.stages.iter().map(|s| s.name).collect();
-        let (submission, ticks) = self.encode_and_submit(true, 1)?;
+        let (submission, ticks) = self.encode_and_submit(true)?;
         let ticks = match ticks.map(|ticks| gpu.read(&ticks)).transpose() {
             // The work is done, or about to be: what fails is the copy of its times.
             Err(Error::OutOfDeviceMemory { .. }) => None,
@@ -229,8 +235,9 @@ impl Commands {
             .collect())
     }
 
+    /// Submits once, with ticks around each stage if they are wanted and can be had.
     #[allow(clippy::type_complexity, reason = "private, and both parts are named where they are used")]
-    fn encode_and_submit(self, timed: bool, times: u32) -> Result<(wgpu::SubmissionIndex, Option<Buffer<u64>>)> {
+    fn encode_and_submit(self, timed: bool) -> Result<(wgpu::SubmissionIndex, Option<Buffer<u64>>)> {
         if let Some(error) = self.error {
             return Err(error);
         }
@@ -247,17 +254,8 @@ impl Commands {
                     count: n_ticks as u32,
                 })
             });
-            let encoder = || device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
-            // The device works on one part while the host makes the next one ready.
-            for _ in 0..times.div_ceil(TOGETHER) - 1 {
-                let mut encoder = encoder();
-                for stage in (0..TOGETHER).flat_map(|_| &stages) {
-                    encode_stage(&gpu, &mut encoder, stage, None);
-                }
-                gpu.queue().submit([encoder.finish()]);
-            }
-            let mut encoder = encoder();
-            for (number, stage) in (0..(times - 1) % TOGETHER + 1).flat_map(|_| stages.iter().enumerate()) {
+            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
+            for (number, stage) in stages.iter().enumerate() {
                 encode_stage(&gpu, &mut encoder, stage, query_set.as_ref().map(|set| (set, 2 * number as u32)));
             }
             if let (Some(set), Some(buffer)) = (&query_set, &ticks) {
@@ -267,6 +265,44 @@ impl Commands {
         })?;
         Ok((submission, ticks))
     }
+}
+
+/// Submits so many repetitions in parts, one after the other. The device works on some while threads make the next ones ready: one thread
+/// takes longer for a part of small kernels than the device does.
+fn submit_parts(gpu: &Gpu, label: &'static str, stages: &[Stage], times: u32) -> Result<()> {
+    let parts = times.div_ceil(TOGETHER) as usize;
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get().min(ENCODERS)).min(parts);
+    let encode = |part: usize| {
+        let repetitions = (times - part as u32 * TOGETHER).min(TOGETHER);
+        gpu.checked(label, 0, || {
+            let descriptor = wgpu::CommandEncoderDescriptor { label: Some(label) };
+            let mut encoder = gpu.device().create_command_encoder(&descriptor);
+            for stage in (0..repetitions).flat_map(|_| stages) {
+                encode_stage(gpu, &mut encoder, stage, None);
+            }
+            encoder.finish()
+        })
+    };
+    let encode = &encode;
+    let submit = || {
+        std::thread::scope(|scope| {
+            let ready: Vec<mpsc::Receiver<Result<wgpu::CommandBuffer>>> = (0..threads)
+                .map(|thread| {
+                    let (sender, receiver) = mpsc::sync_channel(1);
+                    scope.spawn(move || {
+                        // Nobody takes a part after one that failed.
+                        (thread..parts).step_by(threads).all(|part| sender.send(encode(part)).is_ok())
+                    });
+                    receiver
+                })
+                .collect();
+            for part in ready.iter().cycle().take(parts).map_while(|ready| ready.recv().ok()) {
+                gpu.queue().submit([part?]);
+            }
+            Ok(())
+        })
+    };
+    gpu.checked(label, 0, submit)?
 }
 
 /// Encodes one stage, with a compute pass for each run of dispatches; ticks go to the ends of its first and last pass.

@@ -264,8 +264,8 @@ fn repeated_work_runs_as_often_as_asked(gpu: &Gpu) {
     let fills = [(module, Fill::Caller(DOUBLE))];
     let kernel = Kernel { fills: &fills, ..Kernel::new(module, "double", &[Access::ReadWrite], 64) };
     let pipeline = gpu.pipeline(&kernel).unwrap();
-    // Around the number of repetitions that are submitted together.
-    for times in [0, 1, 3, 4, 5, 8, 11] {
+    // Around the number of repetitions that are submitted together, and more than one for each thread that makes them ready.
+    for times in [0, 1, 3, 4, 5, 8, 11, 27] {
         let (one, other) = (gpu.upload("values", &[3u32; 70]).unwrap(), gpu.upload("others", &[0u32; 50]).unwrap());
         let mut commands = gpu.commands("double");
         commands.stage("first").dispatch(&pipeline, &[(&one).into()], Workgroups::Covering(70));
