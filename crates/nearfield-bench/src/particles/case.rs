@@ -166,6 +166,21 @@ impl Case {
         };
         Ok((row, timed))
     }
+
+    /// Rows of the times of stages on the device, from where a run has ended.
+    ///
+    /// # Errors
+    /// As the simulation.
+    pub fn stages(&self, lab: &Lab, way: Way, row: &Row, timed: &Timed) -> Result<Vec<Row>> {
+        let later = ParticleScene { particles: timed.particles.clone(), ..self.scene.clone() };
+        let stages = timing::stages(lab, way, &later)?;
+        let all = stages.iter().map(|(_, microseconds)| microseconds).sum();
+        let names: Vec<&str> = stages.iter().map(|(name, _)| *name).collect();
+        let note = format!("{}; the device's clock, median of steps after the run", names.join(", "));
+        let mut rows = vec![row.of("stages of a step on the device", "us").value(all).note(note)];
+        rows.extend(stages.iter().map(|(name, value)| row.of("stage", "us").value(*value).note(*name)));
+        Ok(if stages.is_empty() { Vec::new() } else { rows })
+    }
 }
 
 /// Rows of all cases by all searches, device after device; `finish` may add to a row.

@@ -1,6 +1,8 @@
 //! Figure 20: grains of three radii, by every search and every rule for pairs, with small and large radii.
 
-use nearfield::application::particles::{BuiltinOptions, PairRule, ParticleModel, ParticleScene, builtin_scene};
+use nearfield::application::particles::{
+    BuiltinOptions, PairRule, ParticleModel, ParticleScene, ParticleSearch, builtin_scene,
+};
 use nearfield::{FixedRadius, GridSettings, NeighborSearch, UniformGrid, Vec3};
 
 use super::case::{self, Case};
@@ -40,9 +42,13 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
         })?;
     }
     let compared: Vec<_> = searches().into_iter().filter(|search| NAMES.contains(&search.name())).collect();
-    case::all(lab, &mut sheet, &cases, &compared, |case, way, row, _| {
+    case::all(lab, &mut sheet, &cases, &compared, |case, way, row, timed| {
         let paper = original(case).filter(|_| case.setting == PairRule::Gather.name());
-        Ok(vec![row.paper(paper.and_then(|paper| paper.of(way.search)))])
+        let mut rows = vec![row.clone().paper(paper.and_then(|paper| paper.of(way.search)))];
+        if way.search == ParticleSearch::UniformGrid {
+            rows.extend(case.stages(lab, way, &row, timed)?);
+        }
+        Ok(rows)
     })?;
     add_spreads(lab, &mut sheet)?;
     plot(lab, sheet.rows())?;

@@ -40,6 +40,9 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
             sheet.attempt(case.row(lab, on_gpu, way.name()), || {
                 let (row, timed) = case.time(lab, way, seconds, &mut shared)?;
                 let mut rows = vec![row.clone()];
+                if search == ParticleSearch::UniformGrid {
+                    rows.extend(case.stages(lab, way, &row, &timed)?);
+                }
                 if search == ParticleSearch::UniformGrid && on_gpu {
                     let bytes = bytes_a_step(&case.scene);
                     let note =

@@ -112,6 +112,40 @@ pub fn run(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64)
     })
 }
 
+/// Steps whose stages are timed.
+const TIMED_STEPS: usize = 41;
+
+/// Microseconds of each stage of a step by the device's clock, medians over some steps from the scene on; none where the device has no clock,
+/// or on the host.
+///
+/// # Errors
+/// As the simulation.
+pub fn stages(lab: &Lab, way: Way, scene: &ParticleScene) -> Result<Vec<(&'static str, f64)>> {
+    let Some(mut simulation) = way.open_on_gpu(lab, scene)? else { return Ok(Vec::new()) };
+    simulation.advance(2, &mut Watch::none())?;
+    let mut times: Vec<(&'static str, Vec<f64>)> = Vec::new();
+    for _ in 0..TIMED_STEPS {
+        let mut step: Vec<(&'static str, f64)> = Vec::new();
+        for stage in simulation.advance_timed()?.1 {
+            match step.iter_mut().find(|(name, _)| *name == stage.name) {
+                Some((_, sum)) => *sum += stage.milliseconds * 1e3,
+                None => step.push((stage.name, stage.milliseconds * 1e3)),
+            }
+        }
+        for (name, sum) in step {
+            match times.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, sums)) => sums.push(sum),
+                None => times.push((name, vec![sum])),
+            }
+        }
+    }
+    let median = |(name, mut sums): (&'static str, Vec<f64>)| {
+        sums.sort_by(f64::total_cmp);
+        (name, sums[sums.len() / 2])
+    };
+    Ok(times.into_iter().map(median).collect())
+}
+
 /// Times every step of a run by itself, up to so many and for about so many seconds: the device is waited for after each.
 ///
 /// # Errors

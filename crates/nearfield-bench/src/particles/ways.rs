@@ -38,11 +38,24 @@ impl Way {
             let what = format!("brute force over {pairs:.1e} pairs a step");
             return Err(nearfield::Error::Unsupported { what, advice: "use fewer particles" }.into());
         }
-        let settings = SimulationSettings { search: self.search, deterministic, ..SimulationSettings::default() };
+        let settings = self.settings(deterministic);
         Ok(match gpu {
             Some(gpu) => Box::new(GpuSimulation::new(gpu, scene, &settings)?),
             None => Box::new(Simulation::new(scene, &settings)?),
         })
+    }
+
+    /// A simulation on the GPU, whose stages can be timed; `None` on the host.
+    ///
+    /// # Errors
+    /// As the simulation.
+    pub fn open_on_gpu(self, lab: &Lab, scene: &ParticleScene) -> Result<Option<GpuSimulation>> {
+        let gpu = lab.gpu().filter(|_| self.on_gpu);
+        Ok(gpu.map(|gpu| GpuSimulation::new(gpu, scene, &self.settings(false))).transpose()?)
+    }
+
+    fn settings(self, deterministic: bool) -> SimulationSettings {
+        SimulationSettings { search: self.search, deterministic, ..SimulationSettings::default() }
     }
 }
 
