@@ -14,6 +14,8 @@ use crate::geometry::{Aabb, OrderedPoints, Period};
 
 pub mod aabb_tree;
 pub mod brute_force;
+#[cfg(feature = "gpu")]
+pub mod cell_sort;
 pub mod dense_octree;
 pub mod kd_tree;
 pub mod linear_octree;
@@ -35,6 +37,8 @@ pub use aabb_tree::{AabbTreeBuilder, GpuAabbTree, GpuAabbTreeN};
 pub use brute_force::{BruteForce, BruteForceMesh};
 #[cfg(feature = "gpu")]
 pub use brute_force::{GpuBruteForce, GpuBruteForceMesh};
+#[cfg(feature = "gpu")]
+pub use cell_sort::EntryOrder;
 #[cfg(feature = "gpu")]
 pub use dense_octree::GpuDenseOctree;
 pub use dense_octree::{CellState, DenseOctree, DenseOctreeSettings};

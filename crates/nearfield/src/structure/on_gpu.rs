@@ -63,6 +63,11 @@ pub trait GpuStructure: Sync {
     /// Module that holds `fn traverse(query: Query, state: ptr<function, State>)`.
     fn traverse_module(&self) -> &'static str;
 
+    /// Whether the module lets several invocations share a query (`own_share` in question.wesl).
+    fn shares_queries(&self) -> bool {
+        false
+    }
+
     /// The most that a traversal of the module does for queries of at most this radius, that lie within `queries` or
     /// are the points themselves. Asked only on devices that end long loops ([`crate::gpu::GpuLimits::loop_rounds`]); there the module's loops must test eight candidates a round
     /// under the feature `short_loops`, and do nothing but test every point under `all_points`.

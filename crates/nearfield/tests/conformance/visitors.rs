@@ -52,7 +52,7 @@ pub(crate) fn check(built: &dyn Built, solved: &Solved<'_>) -> Verdict {
         let (counts, sums) = (poisoned().map_err(in_words)?, poisoned().map_err(in_words)?);
         let bindings = [(Access::ReadWrite, (&counts).into()), (Access::ReadWrite, (&sums).into())];
         let source = source(limit);
-        let Some(outcome) = built.run_visitor(&question, &Visitor { source: &source, bindings: &bindings }) else {
+        let Some(outcome) = built.run_visitor(&question, &Visitor::new(&source, &bindings)) else {
             return Err("the structure runs no visitors".into());
         };
         let report = outcome.map_err(in_words)?;

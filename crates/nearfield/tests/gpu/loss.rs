@@ -33,7 +33,7 @@ fn every_call_on_a_lost_device_says_so(gpu: &Gpu) {
     own.mark_lost("pulled out");
     own.mark_lost("a second reason does not count");
     let question = FixedRadius::new(RADIUS);
-    let visitor = Visitor { source: "", bindings: &[] };
+    let visitor = Visitor::new("", &[]);
     let calls: Vec<(&str, Result<()>)> = vec![
         ("upload", own.upload("more", &[1u32]).map(drop)),
         ("write", own.write(&words, 0, &[3])),

@@ -5,6 +5,7 @@
 //! on a lattice of 1/128: every squared distance is exact in f32, so answers equal the loop to the bit.
 
 mod coherent;
+mod grid_builds;
 mod loss;
 mod memory;
 mod on_device_queries;
@@ -104,6 +105,7 @@ fn main() {
     trials.extend(loss::trials());
     trials.extend(visitors::trials());
     trials.extend(on_device_queries::trials());
+    trials.extend(grid_builds::trials());
     trials.extend(rows::trials());
     trials.extend(trees::trials());
     trials.extend(ray_trees::trials());

@@ -122,7 +122,7 @@ fn refused_allocations(gpu: &Gpu) {
         fn begin(query: Query) -> State { return State(0u); }
         fn visit(state: ptr<function, State>, query: Query, neighbor: Neighbor) -> bool { return true; }
         fn finish(state: ptr<function, State>, query: Query) { }";
-    let visitor = Visitor { source: visitor, bindings: &[] };
+    let visitor = Visitor::new(visitor, &[]);
     refuse_each(&own, "for each", || grid.for_each_on_device(&all, &visitor), |_| None);
 }
 

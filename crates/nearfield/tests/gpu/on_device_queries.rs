@@ -32,17 +32,24 @@ fn visit(state: ptr<function, State>, query: Query, neighbor: Neighbor) -> bool 
     (*state).sum += u32(neighbor.dist2 * 16384.0) + 1u;
     return true;
 }
+fn combine(state: ptr<function, State>, other: State) { (*state).sum += other.sum; }
 fn finish(state: ptr<function, State>, query: Query) { sums[query.slot] = (*state).sum; }
 ";
 
 fn sums<S: GpuStructure>(structure: &S, queries: &DeviceQueries<'_>) -> Vec<u32> {
     let gpu = structure.gpu();
     let sums = gpu.upload("poisoned sums", &vec![0xdead_beefu32; queries.points.len()]).unwrap();
-    let visitor = Visitor { source: SUM, bindings: &[(Access::ReadWrite, (&sums).into())] };
-    let mut commands = gpu.commands("sum");
-    structure.record_for_each(&mut commands, queries, &visitor).unwrap();
-    commands.run().unwrap();
-    gpu.read(&sums).unwrap()
+    let bindings = [(Access::ReadWrite, (&sums).into())];
+    let run = |visitor: &Visitor<'_>| {
+        let mut commands = gpu.commands("sum");
+        structure.record_for_each(&mut commands, queries, visitor).unwrap();
+        commands.run().unwrap();
+        gpu.read(&sums).unwrap()
+    };
+    let alone = run(&Visitor::new(SUM, &bindings));
+    gpu.write(&sums, 0, &vec![0xdead_beefu32; queries.points.len()]).unwrap();
+    assert_eq!(run(&Visitor::combining(SUM, &bindings)), alone, "invocations that share queries");
+    alone
 }
 
 fn queries_meet_what_a_loop_meets(gpu: &Gpu) {
@@ -53,6 +60,8 @@ fn queries_meet_what_a_loop_meets(gpu: &Gpu) {
     let packed = |i: usize| [queries[i].x, queries[i].y, queries[i].z, f32::from_bits(i as u32)];
     let on_device = gpu.upload("queries", &(0..777).rev().map(packed).collect::<Vec<_>>()).unwrap();
     let own_radii = gpu.upload("radii", &radii).unwrap();
+    // Sixteen invocations share each of these, also on a software device.
+    let few = gpu.upload("few queries", &(0..100).map(packed).collect::<Vec<_>>()).unwrap();
     let expected = |points: &[Vec3], queries: &[Vec3], radius: &dyn Fn(usize) -> f32, itself: bool| -> Vec<u32> {
         let rows = rows_by_loop(points, queries, RADIUS);
         let sum = |(i, row): (usize, &Vec<(u32, f32)>)| {
@@ -64,6 +73,8 @@ fn queries_meet_what_a_loop_meets(gpu: &Gpu) {
     let one = DeviceQueries::new(&on_device, RADIUS);
     let check = |name: &str, ask: &dyn Fn(&DeviceQueries<'_>) -> Vec<u32>, own: &Buffer<[f32; 4]>| {
         assert_eq!(ask(&one), expected(&points, &queries, &|_| RADIUS, true), "{name}");
+        let asked = ask(&DeviceQueries::new(&few, RADIUS));
+        assert_eq!(asked, expected(&points, &queries[..100], &|_| RADIUS, true), "{name}, few");
         assert_eq!(ask(&one.radii(&own_radii)), expected(&points, &queries, &|i| radii[i], true), "{name}, radii");
         let itself = DeviceQueries::new(own, RADIUS).exclude_self();
         assert_eq!(ask(&itself), expected(&points, &points, &|_| RADIUS, false), "{name}, itself");
@@ -81,7 +92,7 @@ fn queries_meet_what_a_loop_meets(gpu: &Gpu) {
 
 fn wrong_queries_are_errors(gpu: &Gpu) {
     let grid = GpuUniformGrid::build(gpu, &lattice_points(100), &GridSettings::for_radius(RADIUS)).unwrap();
-    let visitor = Visitor { source: SUM, bindings: &[] };
+    let visitor = Visitor::new(SUM, &[]);
     let mut commands = gpu.commands("nothing");
     let mut ask = |queries: &DeviceQueries<'_>| grid.record_for_each(&mut commands, queries, &visitor).unwrap_err();
     let bad_radius = ask(&DeviceQueries::new(grid.points(), f32::NAN));

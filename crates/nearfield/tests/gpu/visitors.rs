@@ -83,7 +83,7 @@ fn values_of(
     let poison = vec![0xdead_beefu32; question.len(both.points.len())];
     let values = gpu.upload("poisoned values", &poison).unwrap();
     let bindings = [&[(Access::ReadWrite, (&values).into())], more].concat();
-    let report = both.run(question, &Visitor { source, bindings: &bindings }, by_grid).unwrap();
+    let report = both.run(question, &Visitor::new(source, &bindings), by_grid).unwrap();
     assert_eq!(report.structure, if by_grid { "uniform-grid" } else { "brute-force" });
     assert_eq!(report.device, gpu.name());
     gpu.read(&values).unwrap()
@@ -214,7 +214,7 @@ fn a_bad_visitor_is_rejected_readably(gpu: &Gpu) {
         ("no WGSL at all", "\u{1b}[31m{{{ \0 ∞".into(), ""),
     ];
     for (case, source, named) in &bad {
-        match both.run(&FixedRadius::new(RADIUS), &Visitor { source, bindings: &bindings }, true) {
+        match both.run(&FixedRadius::new(RADIUS), &Visitor::new(source, &bindings), true) {
             Err(Error::KernelRejected { kernel, message }) => {
                 assert!(kernel.starts_with("package::query::fixed_radius"), "{case}: {kernel}");
                 assert!(message.contains(named), "{case} does not name {named:?}: {message}");
@@ -230,7 +230,7 @@ fn a_bad_visitor_is_rejected_readably(gpu: &Gpu) {
             other => panic!("{case}: {other:?}"),
         }
     }
-    both.run(&FixedRadius::new(RADIUS), &Visitor { source: &good, bindings: &bindings }, true).unwrap();
+    both.run(&FixedRadius::new(RADIUS), &Visitor::new(&good, &bindings), true).unwrap();
 }
 
 fn a_visitor_out_of_bounds_does_no_harm(gpu: &Gpu) {
@@ -249,7 +249,7 @@ fn a_visitor_out_of_bounds_does_no_harm(gpu: &Gpu) {
         // A buffer that is too short for the answers.
         let bindings = [(Access::ReadWrite, Bind::from(&short))];
         let count = source(VALUES, "0u", "(*state).value += 1u; return true;", STORE);
-        both.run(&FixedRadius::new(RADIUS), &Visitor { source: &count, bindings: &bindings }, by_grid).unwrap();
+        both.run(&FixedRadius::new(RADIUS), &Visitor::new(&count, &bindings), by_grid).unwrap();
         // The structure is unharmed.
         let counts = values_of(gpu, &both, &FixedRadius::new(RADIUS), &count, &[], by_grid);
         assert!(counts.iter().zip(&rows).all(|(&count, row)| count as usize == row.len()), "by grid {by_grid}");
@@ -270,7 +270,7 @@ fn wrong_bindings_of_a_visitor_are_an_error(gpu: &Gpu) {
     let values: Buffer<u32> = gpu.buffer("values", 100).unwrap();
     let uniform = gpu.uniform("four words", &[0u32; 4]).unwrap();
     let run = |bindings: &[(Access, Bind)]| {
-        both.run(&FixedRadius::new(RADIUS), &Visitor { source: &count, bindings }, true).map(drop)
+        both.run(&FixedRadius::new(RADIUS), &Visitor::new(&count, bindings), true).map(drop)
     };
     assert!(matches!(run(&[]), Err(Error::KernelRejected { .. })), "none");
     assert!(matches!(run(&[(Access::Read, (&values).into())]), Err(Error::KernelRejected { .. })), "read only");

@@ -17,6 +17,7 @@ use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
+use nearfield::structure::cell_sort::CellSort;
 use nearfield::structure::kd_tree::{KdLeaf, KdNode, KdRoot};
 use nearfield::structure::linear_octree::{OctreeLayout, OctreeNode, OctreeSummary};
 use nearfield::structure::multi_level_grid::MultiLevelLayout;
@@ -79,6 +80,7 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         level,
         first,
         end,
+        sharers,
         padding
     }));
     let run = layout_of!(KnnRun {
@@ -281,6 +283,7 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ("Sweep", sweep),
         ("Domain", domain()),
         ("ContourParameters", contour),
+        ("CellSort", layout_of!(CellSort { n_points, padding_0, padding_1, padding_2 })),
         ("ParticleBlock", layout_of!(ParticleBlock { first, count, padding_0, padding_1 })),
         ("ParticleDrift", layout_of!(ParticleDrift { n_points, limit2, padding_0, padding_1 })),
         ("ParticleInspection", inspection),

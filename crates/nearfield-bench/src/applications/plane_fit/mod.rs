@@ -135,7 +135,7 @@ pub fn without_lists<S: ForEachOnDevice>(structure: &S, radius: f32) -> Result<B
     let moved = structure.gpu().buffer("points that have moved", structure.len())?;
     let source = visitor();
     let bindings = [(Access::ReadWrite, (&moved).into())];
-    structure.for_each_on_device(&FixedRadius::new(radius), &Visitor { source: &source, bindings: &bindings })?;
+    structure.for_each_on_device(&FixedRadius::new(radius), &Visitor::new(&source, &bindings))?;
     Ok(moved)
 }
 

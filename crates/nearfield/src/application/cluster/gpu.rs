@@ -212,7 +212,7 @@ impl<S: GpuStructure> Passes<'_, S> {
         each: u64,
     ) -> Result<()> {
         let queries = DeviceQueries::new(self.structure.points(), self.radius);
-        let visitor = VisitorModule { module, features: &[], bindings, rounds: [each, 0] };
+        let visitor = VisitorModule { module, features: &[], bindings, rounds: [each, 0], combines: false };
         record_module(commands, self.structure, &queries, &visitor)
     }
 

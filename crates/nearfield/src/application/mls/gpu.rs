@@ -295,7 +295,8 @@ impl DeviceFits {
             let mut queries = DeviceQueries::new(&self.queries, searches.radius);
             queries.radii = searches.radii;
             let rounds = [0, pass.rounds];
-            let visitor = VisitorModule { module: pass.module, features: &[], bindings: &bindings, rounds };
+            let visitor =
+                VisitorModule { module: pass.module, features: &[], bindings: &bindings, rounds, combines: false };
             commands.stage("fit");
             record_module(&mut commands, structure, &queries, &visitor)?;
             add_device_stages(stages, &commands.run()?);

@@ -105,11 +105,17 @@ impl GpuNormals {
             (Access::ReadWrite, (&self.flags).into()),
         ];
         let module = "package::application::normals::plane";
-        run("planes", &VisitorModule { module, features: &[], bindings: &bindings, rounds: [0, PLANE_ROUNDS] })?;
+        run(
+            "planes",
+            &VisitorModule { module, features: &[], bindings: &bindings, rounds: [0, PLANE_ROUNDS], combines: false },
+        )?;
         if self.method == NormalMethod::Jet {
             bindings.push((Access::ReadWrite, (&self.curvatures).into()));
             let module = "package::application::normals::jet";
-            run("jets", &VisitorModule { module, features: &[], bindings: &bindings, rounds: [0, JET_ROUNDS] })?;
+            run(
+                "jets",
+                &VisitorModule { module, features: &[], bindings: &bindings, rounds: [0, JET_ROUNDS], combines: false },
+            )?;
         }
         Ok(())
     }

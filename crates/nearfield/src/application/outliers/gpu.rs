@@ -56,7 +56,7 @@ pub fn statistical_outliers_on_gpu(
         let means: Buffer<f32> = gpu.buffer("mean distances", block.len())?;
         let bindings: [(Access, Bind); 2] = [(Uniform, (&asked).into()), (ReadWrite, (&means).into())];
         let module = "package::application::outliers::mean_distance";
-        let visitor = VisitorModule { module, features: &[], bindings: &bindings, rounds: [0, 0] };
+        let visitor = VisitorModule { module, features: &[], bindings: &bindings, rounds: [0, 0], combines: false };
         // All points are searched for in the order of the tree. A point finds itself in either case.
         let question = if block.len() == n { nearest } else { nearest.queries(block) };
         visit_nearest(&tree, &question, &visitor)?;
@@ -121,7 +121,7 @@ pub fn duplicates_on_gpu(gpu: &Gpu, points: &[Vec3], tolerance: f64, watch: &mut
             (ReadWrite, (&unfinished).into()),
         ];
         let module = "package::application::outliers::decide_duplicates";
-        let visitor = VisitorModule { module, features: &[], bindings: &bindings, rounds: [0, 0] };
+        let visitor = VisitorModule { module, features: &[], bindings: &bindings, rounds: [0, 0], combines: false };
         let mut commands = gpu.commands("duplicates");
         commands.clear(&unfinished);
         record_module(&mut commands, &grid, &DeviceQueries::new(grid.points(), tolerance), &visitor)?;

@@ -23,7 +23,7 @@ use crate::{Error, Result};
 use Access::{Read, ReadWrite, Uniform};
 
 /// Most steps that are submitted together.
-const TOGETHER: u32 = 64;
+const TOGETHER: u32 = 128;
 /// Steps after which a model reads and writes the same buffers again.
 const PERIOD: u32 = 2;
 /// Milliseconds that a submission should take at most, for the sake of drivers' time limits and of those who wait.
@@ -154,7 +154,7 @@ pub(super) trait GpuModel: Send {
     }
 }
 
-/// A simulation on a device, in single precision. Steps are recorded and submitted in batches of up to 64; nothing but their reports, and what the
+/// A simulation on a device, in single precision. Steps are recorded and submitted in batches of up to 128; nothing but their reports, and what the
 /// search needs of the host, is read back.
 ///
 /// Positions are relative to the middle of the domain. Trees ask the host in each step whether they are built anew, and lists whether they
@@ -290,7 +290,7 @@ impl GpuSimulation {
             n = n.min((every - self.step % every) as u32);
             if self.step.is_multiple_of(every) {
                 self.state.record_reorder(&self.gpu, recorder.commands(), &self.scene)?;
-                self.around.forget();
+                self.around.forget_order();
                 self.model.forget();
             }
         }

@@ -127,6 +127,10 @@ impl GpuStructure for GpuList {
         &self.points
     }
 
+    fn shares_queries(&self) -> bool {
+        true
+    }
+
     fn traverse_module(&self) -> &'static str {
         "package::application::particles::list"
     }

@@ -13,8 +13,8 @@ use crate::geometry::Aabb;
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu};
 use crate::query::{DeviceQueries, Stage, VisitorModule, record_module};
 use crate::structure::{
-    AabbTreeSettings, BuildOrder, DevicePoint, GpuBruteForce, GpuMovingPoints, GpuMultiLevelGrid, GpuStructure,
-    GpuUniformGrid, GridBuilder, GridSettings, MultiLevelGridBuilder, RebuildPolicy, TreeSearch,
+    AabbTreeSettings, BuildOrder, DevicePoint, EntryOrder, GpuBruteForce, GpuMovingPoints, GpuMultiLevelGrid,
+    GpuStructure, GpuUniformGrid, GridBuilder, GridSettings, MultiLevelGridBuilder, RebuildPolicy, TreeSearch,
 };
 
 /// Commands of steps, submitted in parts where a structure needs the host.
@@ -115,14 +115,16 @@ impl GpuNeighborhood {
         Self { gpu: gpu.clone(), search, deterministic, domain, reach, searched: None, rebuilds: 0 }
     }
 
+    /// Whether the structure takes all points anew in each step, without the host.
+    fn starts_anew(&self) -> bool {
+        use ParticleSearch::{BruteForce, MultiLevelGrid, UniformGrid};
+        matches!(self.search, BruteForce | UniformGrid | MultiLevelGrid)
+    }
+
     /// Whether a step needs the host.
     fn needs_host(&self) -> bool {
-        let by_itself = matches!(
-            self.search,
-            ParticleSearch::BruteForce | ParticleSearch::UniformGrid | ParticleSearch::MultiLevelGrid
-        );
         // Devices that end long loops are asked how long they would be.
-        !by_itself || self.gpu.limits().loop_rounds.is_some()
+        !self.starts_anew() || self.gpu.limits().loop_rounds.is_some()
     }
 
     /// Whether a structure stands that follows without the host: recorded steps can then be submitted again and again.
@@ -135,9 +137,16 @@ impl GpuNeighborhood {
         self.rebuilds
     }
 
-    /// Forgets the structure: the particles have another order.
+    /// Forgets the structure: the particles are others.
     pub(super) fn forget(&mut self) {
         self.searched = None;
+    }
+
+    /// Forgets what the structure knows of single particles: those of each class have another order.
+    pub(super) fn forget_order(&mut self) {
+        if !self.starts_anew() {
+            self.searched = None;
+        }
     }
 
     /// Makes the structure follow the particles.
@@ -197,10 +206,12 @@ impl GpuNeighborhood {
             let settings = AabbTreeSettings::DEFAULT.order(BuildOrder::Hilbert).search(search);
             Ok(Structure::Tree(Box::new(GpuMovingPoints::new(gpu, &points, radius, &settings, policy)?)))
         };
+        let order = if self.deterministic { EntryOrder::AsGiven } else { EntryOrder::Any };
         let structure = match self.search {
             ParticleSearch::BruteForce => Structure::BruteForce(GpuBruteForce::build_on_device(gpu, points)?),
             ParticleSearch::UniformGrid => {
-                let mut builder = GridBuilder::new(gpu, points.len(), &self.domain, &GridSettings::for_radius(radius))?;
+                let settings = GridSettings::for_radius(radius);
+                let mut builder = GridBuilder::with_order(gpu, points.len(), &self.domain, &settings, order)?;
                 let grid = builder.build(points)?;
                 Structure::Grid(Box::new((builder, grid)))
             }
@@ -208,7 +219,7 @@ impl GpuNeighborhood {
                 let mut levels: Vec<(usize, f32)> = state.classes.iter().map(Range::len).zip(by_class).collect();
                 // The boundary stands behind the last class.
                 levels.last_mut().expect("a model should have a class").0 += state.len() - state.n_moving;
-                let builder = MultiLevelGridBuilder::new(gpu, &levels, reach.level_rule(), &self.domain)?;
+                let builder = MultiLevelGridBuilder::new(gpu, &levels, reach.level_rule(), &self.domain, order)?;
                 let grid = builder.build(points)?;
                 Structure::Levels(Box::new((builder, grid)))
             }
@@ -232,8 +243,8 @@ impl GpuNeighborhood {
     pub(super) fn record_visit(&self, recorder: &mut Recorder, visitor: &ParticleVisitor<'_>) -> Result<()> {
         let searched = self.searched.as_ref().expect("a structure should follow the particles before it is asked");
         let features = [&[("deterministic", self.deterministic)], visitor.features].concat();
-        let module =
-            VisitorModule { module: visitor.module, features: &features, bindings: visitor.bindings, rounds: [0, 0] };
+        let ParticleVisitor { module, bindings, .. } = *visitor;
+        let module = VisitorModule { module, features: &features, bindings, rounds: [0, 0], combines: true };
         let commands = recorder.commands();
         match &searched.structure {
             Structure::BruteForce(all) => searched.record(commands, all, &module),

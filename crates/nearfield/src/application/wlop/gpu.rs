@@ -312,7 +312,8 @@ fn visit(
     module: &'static str,
     bindings: &[(Access, Bind)],
 ) -> Result<()> {
-    record_module(commands, tree, queries, &VisitorModule { module, features: &[], bindings, rounds: [0, 0] })
+    let visitor = VisitorModule { module, features: &[], bindings, rounds: [0, 0], combines: true };
+    record_module(commands, tree, queries, &visitor)
 }
 
 /// Stages timed by the device's clock; a device without one has none.

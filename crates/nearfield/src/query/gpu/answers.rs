@@ -17,6 +17,7 @@ const COUNT: VisitorCode<'static> = VisitorCode {
     features: &[],
     accesses: &[Access::ReadWrite],
     rounds: VisitorRounds { each: 0, finish: 0 },
+    combines: false,
 };
 
 const COUNT_MASKS: VisitorCode<'static> = VisitorCode { features: &[("masks", true)], ..COUNT };
@@ -31,6 +32,7 @@ const NEAREST: VisitorCode<'static> = VisitorCode {
     features: &[],
     accesses: &[Access::ReadWrite, Access::ReadWrite],
     rounds: VisitorRounds { each: 0, finish: 0 },
+    combines: false,
 };
 
 /// Adds the device's stage times to a report.

@@ -27,6 +27,7 @@ pub(super) fn capped_list<S: GpuStructure>(structure: &S, question: &FixedRadius
         features: &[("by_index", false)],
         accesses: &[Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::Uniform],
         rounds,
+        combines: false,
     };
     let mut made = Neighbors { offsets: vec![0], ..Neighbors::default() };
     let mut distances = Vec::new();

@@ -83,6 +83,8 @@ pub(crate) struct VisitorModule<'a> {
     pub(crate) bindings: &'a [(Access, Bind)],
     /// Most rounds of loops in a call of `visit`, and in `finish`.
     pub(crate) rounds: [u64; 2],
+    /// Whether it can combine states: `VisitorCode::combines`.
+    pub(crate) combines: bool,
 }
 
 /// Records `visitor` over the queries; nothing runs before the commands are submitted.
@@ -96,8 +98,15 @@ pub(crate) fn record_module<S: GpuStructure>(
     visitor: &VisitorModule<'_>,
 ) -> Result<()> {
     let [each, finish] = visitor.rounds;
-    let code = (Fill::Module(visitor.module), visitor.features, VisitorRounds { each, finish });
-    record(commands, structure, queries, code, visitor.bindings)
+    let accesses: Vec<Access> = visitor.bindings.iter().map(|(access, _)| *access).collect();
+    let code = VisitorCode {
+        source: Fill::Module(visitor.module),
+        features: visitor.features,
+        accesses: &accesses,
+        rounds: VisitorRounds { each, finish },
+        combines: visitor.combines,
+    };
+    record(commands, structure, queries, &code, visitor.bindings)
 }
 
 /// The same with a caller's code.
@@ -107,20 +116,22 @@ pub(super) fn record_caller<S: GpuStructure>(
     queries: &DeviceQueries<'_>,
     visitor: &Visitor<'_>,
 ) -> Result<()> {
-    record(
-        commands,
-        structure,
-        queries,
-        (Fill::Caller(visitor.source), &[], VisitorRounds::default()),
-        visitor.bindings,
-    )
+    let accesses: Vec<Access> = visitor.bindings.iter().map(|(access, _)| *access).collect();
+    let code = VisitorCode {
+        source: Fill::Caller(visitor.source),
+        features: &[],
+        accesses: &accesses,
+        rounds: VisitorRounds::default(),
+        combines: visitor.combines,
+    };
+    record(commands, structure, queries, &code, visitor.bindings)
 }
 
 fn record<S: GpuStructure>(
     commands: &mut Commands,
     structure: &S,
     queries: &DeviceQueries<'_>,
-    (source, features, rounds): (Fill<'_>, &[(&str, bool)], VisitorRounds),
+    code: &VisitorCode<'_>,
     bindings: &[(Access, Bind)],
 ) -> Result<()> {
     queries.validate()?;
@@ -138,8 +149,6 @@ fn record<S: GpuStructure>(
         None => structure.gpu().upload("radius", &largest)?,
     };
     let buffers = QueryBuffers::on_device(structure, &question, queries.points.clone(), radii)?;
-    let accesses: Vec<Access> = bindings.iter().map(|(access, _)| *access).collect();
     let binds: Vec<Bind> = bindings.iter().map(|(_, bind)| bind.clone()).collect();
-    let code = VisitorCode { source, features, accesses: &accesses, rounds };
-    visit::record(commands, structure, &question, &buffers, &code, &binds)
+    visit::record(commands, structure, &question, &buffers, code, &binds)
 }

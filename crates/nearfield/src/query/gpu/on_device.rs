@@ -51,6 +51,7 @@ pub(super) fn fill(distances: bool) -> VisitorCode<'static> {
             &[Access::Read, Access::ReadWrite]
         },
         rounds: VisitorRounds::default(),
+        combines: false,
     }
 }
 

@@ -26,6 +26,7 @@ const FIND: VisitorCode<'static> = VisitorCode {
     features: &[("masks", true)],
     accesses: &[Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::ReadWrite, Access::Uniform],
     rounds: VisitorRounds { each: 0, finish: 0 },
+    combines: false,
 };
 
 const FILL_OVERFLOWED: VisitorCode<'static> = VisitorCode {
@@ -33,6 +34,7 @@ const FILL_OVERFLOWED: VisitorCode<'static> = VisitorCode {
     features: &[],
     accesses: &[Access::Read, Access::ReadWrite, Access::Read, Access::Uniform],
     rounds: VisitorRounds { each: 0, finish: 0 },
+    combines: false,
 };
 
 /// The indices of the structure's points, where this question can be answered with masks: only indices, in the order

@@ -9,7 +9,7 @@ use super::answers::add_stages;
 use super::loops::{self, Traversal, VisitorRounds};
 use crate::Result;
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
+use crate::gpu::{Access, AdapterKind, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
 use crate::query::coherent::{Asking, BACK_TRAVERSE, CANDIDATES, Candidates, PACK};
 use crate::query::{FixedRadius, Queries, Radius, Report};
 use crate::structure::{DevicePoint, GpuStructure, device_points};
@@ -39,8 +39,10 @@ pub struct Batch {
     pub first: u32,
     /// End of the queries of this dispatch.
     pub end: u32,
+    /// Invocations of a query, a power of two.
+    pub sharers: u32,
     /// Unused.
-    pub padding: [u32; 3],
+    pub padding: [u32; 2],
 }
 
 /// What a kernel does with each neighbour.
@@ -51,6 +53,8 @@ pub(super) struct VisitorCode<'a> {
     pub(super) accesses: &'a [Access],
     /// Of its own loops; those of a caller's code are the caller's concern.
     pub(super) rounds: VisitorRounds,
+    /// Whether it has `fn combine(state: ptr<function, State>, other: State)`: invocations may then share a query.
+    pub(super) combines: bool,
 }
 
 /// Queries on the device, and their radii from that of the query with slot 0 on.
@@ -71,6 +75,8 @@ pub(super) struct QueryBuffers {
 pub(super) struct Dealing {
     /// Invocations of a workgroup.
     pub(super) workgroup: u32,
+    /// Invocations of a query.
+    pub(super) sharers: u32,
     /// 1 where 2^level workgroups share the queries evenly.
     pub(super) in_parts: u32,
     pub(super) level: u32,
@@ -84,7 +90,8 @@ impl Dealing {
         match structure.query_parts().filter(|_| queries.are_points && n > 0) {
             Some(level) => {
                 let largest = n.div_ceil(1 << level) as u32;
-                Self { workgroup: largest.next_multiple_of(32), in_parts: 1, level, workgroups: 1 << level }
+                let workgroup = largest.next_multiple_of(32);
+                Self { workgroup, sharers: 1, in_parts: 1, level, workgroups: 1 << level }
             }
             None => Self::fixed(queries.len(), workgroup),
         }
@@ -92,7 +99,13 @@ impl Dealing {
 
     /// By workgroups of one size.
     pub(super) fn fixed(n: usize, workgroup: u32) -> Self {
-        Self { workgroup, in_parts: 0, level: 0, workgroups: (n as u64).div_ceil(u64::from(workgroup)) }
+        Self::shared(n, workgroup, 1)
+    }
+
+    /// By workgroups of one size, so many invocations a query.
+    fn shared(n: usize, workgroup: u32, sharers: u32) -> Self {
+        let workgroups = (n as u64 * u64::from(sharers)).div_ceil(u64::from(workgroup));
+        Self { workgroup, sharers, in_parts: 0, level: 0, workgroups }
     }
 
     /// The workgroups of a dispatch.
@@ -247,13 +260,28 @@ fn traverse_module<S: GpuStructure>(structure: &S) -> &'static str {
     if structure.coherent_tree().is_some() { CANDIDATES } else { structure.traverse_module() }
 }
 
+/// Most invocations that share a query.
+const MOST_SHARERS: u32 = 16;
+
+/// How many invocations should share each of so many queries: a few where one each would leave most of the device idle.
+fn sharers(gpu: &Gpu, n: usize) -> u32 {
+    // Invocations that are at work at the same time: of a large card, of one that shares the host's memory, of a few cores.
+    let at_once: u64 = match gpu.kind() {
+        AdapterKind::Discrete | AdapterKind::Other => 1 << 19,
+        AdapterKind::Integrated | AdapterKind::Virtual => 1 << 14,
+        AdapterKind::Software => 1 << 11,
+    };
+    let fits = |&sharers: &u32| n as u64 * u64::from(sharers) <= at_once;
+    std::iter::successors(Some(MOST_SHARERS), |&sharers| (sharers > 1).then_some(sharers / 2)).find(fits).unwrap_or(1)
+}
+
 /// The pipeline of the query kernel for this structure and visitor.
 fn pipeline<S: GpuStructure>(
     structure: &S,
     question: &FixedRadius<'_>,
     visitor: &VisitorCode<'_>,
     traversal: Traversal,
-    workgroup: u32,
+    Dealing { workgroup, sharers, .. }: Dealing,
 ) -> Result<Arc<Pipeline>> {
     let mut accesses = vec![Access::Uniform, Access::Read, Access::Read];
     accesses.extend(structure.bindings().iter().map(|(access, _)| *access));
@@ -262,17 +290,20 @@ fn pipeline<S: GpuStructure>(
         vec![("distances", false), ("by_index", false), ("hashed", false), ("masks", false)];
     all.push(("excludes", question.exclude_self));
     all.extend([("short_loops", traversal.short_loops), ("all_points", traversal.all_points)]);
+    all.push(("shared_queries", sharers > 1));
     all.extend(structure.features());
     all.extend_from_slice(visitor.features);
     let fills = [
         ("package::structure::selected", Fill::Module(traverse_module(structure))),
         ("package::structure::visitor", visitor.source),
     ];
+    // Invocations that share queries stand in workgroups of a size that the kernel knows.
+    let constants = [("WORKGROUP", f64::from(workgroup))];
     structure.gpu().pipeline(&Kernel {
         visitor_bindings: visitor.accesses,
         fills: &fills,
         features: &all,
-        constants: &[("WORKGROUP", f64::from(workgroup))],
+        constants: if sharers > 1 { &[] } else { &constants },
         ..Kernel::new("package::query::fixed_radius", "visit_neighbors", &accesses, workgroup)
     })
 }
@@ -293,11 +324,13 @@ pub(super) fn record<S: GpuStructure>(
         Some(found) => loops::through_candidates(structure, found.largest, visitor.rounds)?,
         None => loops::traversal(structure, question, visitor.rounds)?,
     };
-    let dealing = match &queries.candidates {
-        Some(_) => Dealing::fixed(queries.len(), WORKGROUP),
-        None => Dealing::of(structure, queries, WORKGROUP),
+    let can_share = visitor.combines && structure.shares_queries() && queries.candidates.is_none();
+    let dealing = match sharers(structure.gpu(), queries.len()) {
+        sharers if can_share && sharers > 1 => Dealing::shared(queries.len(), WORKGROUP, sharers),
+        _ if queries.candidates.is_some() => Dealing::fixed(queries.len(), WORKGROUP),
+        _ => Dealing::of(structure, queries, WORKGROUP),
     };
-    let pipeline = pipeline(structure, question, visitor, traversal, dealing.workgroup)?;
+    let pipeline = pipeline(structure, question, visitor, traversal, dealing)?;
     let part = Part { gpu: structure.gpu(), question, queries, pipeline: &pipeline, visitor_binds };
     let Some(found) = &queries.candidates else {
         let binds: Vec<Bind> = structure.bindings().into_iter().map(|(_, bind)| bind).collect();
@@ -335,7 +368,8 @@ impl Part<'_> {
             level: dealing.level,
             first: places.start,
             end: places.end,
-            padding: [0; 3],
+            sharers: dealing.sharers,
+            padding: [0; 2],
         };
         let batch = self.gpu.uniform("query batch", &batch)?;
         let mut all: Vec<Bind> = vec![(&batch).into(), (&queries.queries).into(), (&queries.radii).into()];

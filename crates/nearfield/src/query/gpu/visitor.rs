@@ -31,6 +31,15 @@ use crate::structure::GpuStructure;
 /// fn finish(state: ptr<function, State>, query: Query) { sums[query.slot] = (*state).sum; }
 /// ```
 ///
+/// Where queries are few, several invocations may share each, if the module also has
+///
+/// ```wgsl
+/// fn combine(state: ptr<function, State>, other: State) { (*state).sum += other.sum; }
+/// ```
+///
+/// Each begins with a state of its own and visits some of the neighbours; `finish` gets all states combined. There `false` ends only the part of the
+/// invocation that gives it.
+///
 /// `Query` has `position`, `radius`, `radius2`, `id` and `slot`, the place of the query's answer, which is its index;
 /// `Neighbor` has `id`, `dist2` and `difference` (query minus neighbour, to the nearest image).
 /// Bindings are `@group(1)`, numbered from 0. The module is compiled with run-time checks. Software renderers end the
@@ -41,6 +50,20 @@ pub struct Visitor<'a> {
     pub source: &'a str,
     /// Its bindings, in order.
     pub bindings: &'a [(Access, Bind)],
+    /// Whether it also has `combine`, which adds to a state what another one has met.
+    pub combines: bool,
+}
+
+impl<'a> Visitor<'a> {
+    /// One without `combine`.
+    pub fn new(source: &'a str, bindings: &'a [(Access, Bind)]) -> Self {
+        Self { source, bindings, combines: false }
+    }
+
+    /// One with `combine`.
+    pub fn combining(source: &'a str, bindings: &'a [(Access, Bind)]) -> Self {
+        Self { source, bindings, combines: true }
+    }
 }
 
 /// Runs visitors. Implemented for every GPU structure.
@@ -63,6 +86,7 @@ pub trait ForEachOnDevice: GpuStructure {
             features: &[],
             accesses: &accesses,
             rounds: VisitorRounds::default(),
+            combines: visitor.combines,
         };
         let queries = QueryBuffers::in_search_order(self, question)?;
         let mut report = visit::report(self, "thread-a-query", &["the caller's visitor"]);

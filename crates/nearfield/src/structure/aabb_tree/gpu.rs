@@ -242,6 +242,10 @@ impl GpuStructure for GpuAabbTree {
         24
     }
 
+    fn shares_queries(&self) -> bool {
+        true
+    }
+
     fn traverse_module(&self) -> &'static str {
         "package::structure::aabb_tree::traverse"
     }

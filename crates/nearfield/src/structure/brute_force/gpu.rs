@@ -108,6 +108,10 @@ impl GpuStructure for GpuBruteForce {
         &self.points
     }
 
+    fn shares_queries(&self) -> bool {
+        true
+    }
+
     fn traverse_module(&self) -> &'static str {
         "package::structure::brute_force::traverse"
     }

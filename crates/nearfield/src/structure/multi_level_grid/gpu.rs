@@ -1,4 +1,4 @@
-//! The grid on the GPU: entries, sort, gather and table, in that order.
+//! The grid on the GPU: entries of all points and their sort.
 
 use std::sync::Arc;
 
@@ -6,10 +6,9 @@ use glam::Vec3;
 
 use super::layout::{LevelRule, MultiLevelLayout};
 use crate::geometry::Aabb;
-use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
-use crate::parallel::radix_sort::GpuRadixSort;
-use crate::parallel::scan::GpuScan;
+use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline};
 use crate::structure::BuildStage;
+use crate::structure::cell_sort::{CellSorter, EntryOrder, SortedPoints};
 use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
 use crate::structure::uniform_grid::most_effort;
 use crate::{Error, Result};
@@ -29,6 +28,7 @@ pub struct GpuMultiLevelGrid {
     layout: MultiLevelLayout,
     layout_buffer: Buffer<MultiLevelLayout>,
     points: Buffer<DevicePoint>,
+    ids: Buffer<u32>,
     starts: Buffer<u32>,
 }
 
@@ -39,46 +39,33 @@ pub struct MultiLevelGridBuilder {
     layout: MultiLevelLayout,
     layout_buffer: Buffer<MultiLevelLayout>,
     compute_entries: Arc<Pipeline>,
-    gather_points: Arc<Pipeline>,
-    sort: GpuRadixSort<u32>,
-    scan: GpuScan,
-    keys: Buffer<u32>,
-    sorted_keys: Buffer<u32>,
-    order: Buffer<u32>,
-    counts: Buffer<u32>,
+    sorter: CellSorter,
 }
 
 impl MultiLevelGridBuilder {
     /// A builder for points inside `bounds`; those outside stay exact, only slower to search.
     ///
     /// - `levels`: number of points and radius of each level, in the order of their blocks; 1 to 8
+    /// - `order`: of the points of one table entry
     ///
     /// # Errors
     /// As [`MultiLevelLayout::new`]; `OutOfDeviceMemory`, `DeviceLost`.
-    pub fn new(gpu: &Gpu, levels: &[(usize, f32)], rule: LevelRule, bounds: &Aabb) -> Result<Self> {
+    pub fn new(gpu: &Gpu, levels: &[(usize, f32)], rule: LevelRule, bounds: &Aabb, order: EntryOrder) -> Result<Self> {
         let layout = MultiLevelLayout::new(levels, rule, bounds)?;
-        let (n, table_size) = (layout.n_points as usize, layout.table_size() as usize);
-        let constants = [("WORKGROUP", f64::from(WORKGROUP))];
-        let pipeline = |entry, bindings: &[Access]| {
-            gpu.pipeline(&Kernel {
-                features: &FEATURES,
-                constants: &constants,
-                ..Kernel::new("package::structure::multi_level_grid::build", entry, bindings, WORKGROUP)
-            })
+        let sorter = CellSorter::new(gpu, layout.n_points as usize, layout.table_size() as usize, order)?;
+        let features = [&FEATURES[..], &[("ranked", sorter.ranks_points())]].concat();
+        let accesses = [vec![Access::Uniform, Access::Read], sorter.accesses()].concat();
+        let kernel = Kernel {
+            features: &features,
+            constants: &[("WORKGROUP", f64::from(WORKGROUP))],
+            ..Kernel::new("package::structure::multi_level_grid::build", "compute_entries", &accesses, WORKGROUP)
         };
-        use Access::{Read, ReadWrite, Uniform};
         Ok(Self {
             layout_buffer: gpu.uniform("layout of a grid of several levels", &layout)?,
-            compute_entries: pipeline("compute_entries", &[Uniform, Read, ReadWrite, ReadWrite])?,
-            gather_points: pipeline("gather_points", &[Uniform, Read, Read, ReadWrite])?,
-            sort: GpuRadixSort::new(gpu, n)?,
-            scan: GpuScan::new(gpu, table_size)?,
-            keys: gpu.buffer("table entries of points", n)?,
-            sorted_keys: gpu.buffer("sorted table entries", n)?,
-            order: gpu.buffer("order of points", n)?,
-            counts: gpu.buffer("points of table entries", table_size)?,
+            compute_entries: gpu.pipeline(&kernel)?,
             gpu: gpu.clone(),
             layout,
+            sorter,
         })
     }
 
@@ -94,6 +81,7 @@ impl MultiLevelGridBuilder {
             layout: self.layout,
             layout_buffer: self.layout_buffer.clone(),
             points: self.gpu.buffer("sorted points", points.len())?,
+            ids: self.gpu.buffer("indices of sorted points", points.len())?,
             starts: self.gpu.buffer("grid table", self.layout.table_size() as usize + 1)?,
         };
         let mut commands = self.gpu.commands("grid of several levels");
@@ -118,20 +106,10 @@ impl MultiLevelGridBuilder {
             let (found, expected) = (points.len() as u64, n as u64);
             return Err(Error::LengthMismatch { what: "points to build a grid of", found, expected });
         }
-        let covering = Workgroups::Covering(n as u64);
-        let layout: Bind = (&self.layout_buffer).into();
-        commands.stage("entries").clear(&self.counts).dispatch(
-            &self.compute_entries,
-            &[layout.clone(), points.into(), (&self.keys).into(), (&self.counts).into()],
-            covering.clone(),
-        );
-        commands.stage("sort");
-        let bits = 0..self.layout.key_bits();
-        self.sort.record_from(commands, &self.keys, None, &self.sorted_keys, &self.order, n, bits)?;
-        let gathered = [layout, points.into(), (&self.order).into(), (&grid.points).into()];
-        commands.stage("gather").dispatch(&self.gather_points, &gathered, covering);
-        commands.stage("table");
-        self.scan.record(commands, &self.counts, &grid.starts, self.layout.table_size() as usize)
+        let bindings: [Bind; 2] = [(&self.layout_buffer).into(), points.into()];
+        self.sorter.record_entries(commands, &self.compute_entries, &bindings);
+        let sorted = SortedPoints { points: &grid.points, ids: &grid.ids, starts: &grid.starts };
+        self.sorter.record(commands, points, &sorted)
     }
 }
 
@@ -155,6 +133,10 @@ impl GpuStructure for GpuMultiLevelGrid {
 
     fn points(&self) -> &Buffer<DevicePoint> {
         &self.points
+    }
+
+    fn shares_queries(&self) -> bool {
+        true
     }
 
     fn traverse_module(&self) -> &'static str {
@@ -200,6 +182,6 @@ impl GpuStructure for GpuMultiLevelGrid {
     }
 
     fn memory_bytes(&self) -> u64 {
-        self.points.bytes() + self.starts.bytes() + self.layout_buffer.bytes()
+        self.points.bytes() + self.ids.bytes() + self.starts.bytes() + self.layout_buffer.bytes()
     }
 }

@@ -118,11 +118,6 @@ impl MultiLevelLayout {
         self.levels().iter().map(|level| level.grid.table_size).sum()
     }
 
-    /// Bits that hold every table entry's number.
-    pub fn key_bits(&self) -> u32 {
-        32 - (self.table_size() - 1).leading_zeros()
-    }
-
     /// How far a question with radius `own` reaches into a level.
     pub fn reach(&self, own: f32, level: &GridLevel) -> f32 {
         LevelRule::ALL[self.rule as usize].reach(own, level.radius)

@@ -1,4 +1,4 @@
-//! The uniform grid on the GPU: entries, sort, gather and table, in that order, in one submission.
+//! The uniform grid on the GPU: entries of all points and their sort, in one submission.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -8,9 +8,8 @@ use glam::Vec3;
 use super::effort::Balls;
 use super::{GridLayout, GridSettings};
 use crate::geometry::{Aabb, Period, validate};
-use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
-use crate::parallel::radix_sort::GpuRadixSort;
-use crate::parallel::scan::GpuScan;
+use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline};
+use crate::structure::cell_sort::{CellSorter, EntryOrder, SortedPoints};
 use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
 use crate::structure::{BuildStage, CpuStructure, UniformGrid};
 use crate::{Error, Result};
@@ -87,45 +86,50 @@ pub struct GridBuilder {
     layout_buffer: Buffer<GridLayout>,
     period: Period,
     compute_entries: Arc<Pipeline>,
-    gather_points: Arc<Pipeline>,
-    sort: GpuRadixSort<u32>,
-    scan: GpuScan,
-    keys: Buffer<u32>,
-    sorted_keys: Buffer<u32>,
-    order: Buffer<u32>,
-    counts: Buffer<u32>,
+    sorter: CellSorter,
 }
 
 impl GridBuilder {
-    /// A builder for `n_points` points inside `bounds`.
+    /// A builder for `n_points` points inside `bounds`, those of a table entry in the order in which they are given.
     ///
     /// # Errors
     /// `InvalidSetting`, `OutOfDeviceMemory`, `DeviceLost`.
     pub fn new(gpu: &Gpu, n_points: usize, bounds: &Aabb, settings: &GridSettings) -> Result<Self> {
+        Self::with_order(gpu, n_points, bounds, settings, EntryOrder::AsGiven)
+    }
+
+    /// The same with a choice of that order. [`EntryOrder::Any`] is the faster one for points that move: answers hold the same neighbours, but
+    /// those of a row may stand in another order from build to build.
+    ///
+    /// # Errors
+    /// As [`GridBuilder::new`].
+    pub fn with_order(
+        gpu: &Gpu,
+        n_points: usize,
+        bounds: &Aabb,
+        settings: &GridSettings,
+        order: EntryOrder,
+    ) -> Result<Self> {
         settings.validate()?;
-        let layout = GridLayout::new(n_points as u32, bounds, settings);
-        let features = features(&layout, settings.period, true);
-        let compute = [Access::Uniform, Access::Read, Access::ReadWrite, Access::ReadWrite];
-        let gather = [Access::Uniform, Access::Read, Access::Read, Access::ReadWrite, Access::ReadWrite];
-        let constants = [("WORKGROUP", f64::from(WORKGROUP))];
-        let kernel = |entry, bindings| Kernel {
+        Self::of_layout(gpu, GridLayout::new(n_points as u32, bounds, settings), settings.period, order)
+    }
+
+    fn of_layout(gpu: &Gpu, layout: GridLayout, period: Period, order: EntryOrder) -> Result<Self> {
+        let sorter = CellSorter::new(gpu, layout.n_points as usize, layout.table_size as usize, order)?;
+        let features = [&features(&layout, period)[..], &[("ranked", sorter.ranks_points())]].concat();
+        let accesses = [vec![Access::Uniform, Access::Read], sorter.accesses()].concat();
+        let kernel = Kernel {
             features: &features,
-            constants: &constants,
-            ..Kernel::new("package::structure::uniform_grid::build", entry, bindings, WORKGROUP)
+            constants: &[("WORKGROUP", f64::from(WORKGROUP))],
+            ..Kernel::new("package::structure::uniform_grid::build", "compute_entries", &accesses, WORKGROUP)
         };
         Ok(Self {
             layout_buffer: gpu.uniform("grid layout", &layout)?,
-            period: settings.period,
-            compute_entries: gpu.pipeline(&kernel("compute_entries", &compute))?,
-            gather_points: gpu.pipeline(&kernel("gather_points", &gather))?,
-            sort: GpuRadixSort::new(gpu, n_points)?,
-            scan: GpuScan::new(gpu, layout.table_size as usize)?,
-            keys: gpu.buffer("table entries of points", n_points)?,
-            sorted_keys: gpu.buffer("sorted table entries", n_points)?,
-            order: gpu.buffer("order of points", n_points)?,
-            counts: gpu.buffer("points of table entries", layout.table_size as usize)?,
+            compute_entries: gpu.pipeline(&kernel)?,
             gpu: gpu.clone(),
             layout,
+            period,
+            sorter,
         })
     }
 
@@ -186,28 +190,14 @@ impl GridBuilder {
             let (found, expected) = (points.len() as u64, n as u64);
             return Err(Error::LengthMismatch { what: "points to build a grid of", found, expected });
         }
-        let covering = Workgroups::Covering(n as u64);
-        let layout: Bind = (&self.layout_buffer).into();
-        commands.stage("entries").clear(&self.counts).dispatch(
-            &self.compute_entries,
-            &[layout.clone(), points.into(), (&self.keys).into(), (&self.counts).into()],
-            covering.clone(),
-        );
-        commands.stage("sort");
-        let bits = 0..self.layout.key_bits();
-        self.sort.record_from(commands, &self.keys, None, &self.sorted_keys, &self.order, n, bits)?;
-        commands.stage("gather").dispatch(
-            &self.gather_points,
-            &[layout, points.into(), (&self.order).into(), sorted.into(), ids.into()],
-            covering,
-        );
-        commands.stage("table");
-        self.scan.record(commands, &self.counts, starts, self.layout.table_size as usize)
+        let bindings: [Bind; 2] = [(&self.layout_buffer).into(), points.into()];
+        self.sorter.record_entries(commands, &self.compute_entries, &bindings);
+        self.sorter.record(commands, points, &SortedPoints { points: sorted, ids, starts })
     }
 }
 
-fn features(layout: &GridLayout, period: Period, counted: bool) -> [(&'static str, bool); 3] {
-    [("hashed", layout.hashed == 1), ("periodic", period.is_periodic()), ("counted", counted)]
+fn features(layout: &GridLayout, period: Period) -> [(&'static str, bool); 2] {
+    [("hashed", layout.hashed == 1), ("periodic", period.is_periodic())]
 }
 
 impl GpuStructure for GpuUniformGrid {
@@ -229,6 +219,10 @@ impl GpuStructure for GpuUniformGrid {
         Some(&self.ids)
     }
 
+    fn shares_queries(&self) -> bool {
+        true
+    }
+
     fn traverse_module(&self) -> &'static str {
         "package::structure::uniform_grid::traverse"
     }
@@ -239,7 +233,7 @@ impl GpuStructure for GpuUniformGrid {
     }
 
     fn features(&self) -> Vec<(&'static str, bool)> {
-        features(&self.layout, self.period, false).to_vec()
+        features(&self.layout, self.period).to_vec()
     }
 
     fn bindings(&self) -> Vec<(Access, Bind)> {
@@ -254,38 +248,8 @@ impl GpuStructure for GpuUniformGrid {
     fn upload_queries(&self, queries: &[Vec3]) -> Result<Buffer<DevicePoint>> {
         let input = self.gpu.upload("queries", &device_points(queries, 0))?;
         let layout = GridLayout { n_points: queries.len() as u32, ..self.layout };
-        let layout_buffer = self.gpu.uniform("grid layout of the queries", &layout)?;
-        let features = features(&layout, self.period, false);
-        let compute = [Access::Uniform, Access::Read, Access::ReadWrite, Access::ReadWrite];
-        let gather = [Access::Uniform, Access::Read, Access::Read, Access::ReadWrite, Access::ReadWrite];
-        let constants = [("WORKGROUP", f64::from(WORKGROUP))];
-        let kernel = |entry, bindings| Kernel {
-            features: &features,
-            constants: &constants,
-            ..Kernel::new("package::structure::uniform_grid::build", entry, bindings, WORKGROUP)
-        };
-        let n = queries.len();
-        let keys = self.gpu.buffer("query entries", n)?;
-        let sorted_keys = self.gpu.buffer("sorted query entries", n)?;
-        let order = self.gpu.buffer("query order", n)?;
-        let sorted = self.gpu.buffer("sorted queries", n)?;
-        let ids = self.gpu.buffer::<u32>("indices of sorted queries", n)?;
-        let sort = GpuRadixSort::<u32>::new(&self.gpu, n)?;
-        let covering = Workgroups::Covering(n as u64);
-        let mut commands = self.gpu.commands("sort queries");
-        commands.dispatch(
-            &self.gpu.pipeline(&kernel("compute_entries", &compute))?,
-            &[(&layout_buffer).into(), (&input).into(), (&keys).into(), (&ids).into()],
-            covering.clone(),
-        );
-        sort.record_from(&mut commands, &keys, None, &sorted_keys, &order, n, 0..layout.key_bits())?;
-        commands.dispatch(
-            &self.gpu.pipeline(&kernel("gather_points", &gather))?,
-            &[(&layout_buffer).into(), (&input).into(), (&order).into(), (&sorted).into(), (&ids).into()],
-            covering,
-        );
-        commands.submit()?;
-        Ok(sorted)
+        let sorted = GridBuilder::of_layout(&self.gpu, layout, self.period, EntryOrder::AsGiven)?.build(&input)?;
+        Ok(sorted.points)
     }
 
     fn build_stages(&self) -> &[BuildStage] {
