@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use libtest_mimic::{Arguments, Trial};
 use nearfield::DVec3;
 use nearfield::application::particles::{
-    BuiltinOptions, Measures, PairRule, ParticleModel, ParticleScene, Particles, builtin_scene,
+    BuiltinOptions, Measures, PairRule, ParticleModel, ParticleScene, ParticleSearch, Particles, builtin_scene,
 };
 use nearfield::gpu::{DeviceChoice, Gpu};
 use nearfield_bench::paper::lab::Lab;
@@ -17,7 +17,7 @@ use nearfield_bench::particles::check::{Reference, close, same, sane};
 use nearfield_bench::particles::figure_20::mean_neighbors;
 use nearfield_bench::particles::green::bytes_a_step;
 use nearfield_bench::particles::timing::Timed;
-use nearfield_bench::particles::ways::{Way, searches};
+use nearfield_bench::particles::ways::{AT_R_MIN, Way, searches};
 use nearfield_bench::particles::{self, case, conservation};
 use nearfield_bench::provenance::COMMIT;
 
@@ -43,6 +43,7 @@ fn main() {
         trial("planted energies, centres and neighbours are found", planted_measures),
         trial("a reference of another scene is no reference", planted_reference),
         trial("mean neighbours of classes are those of a loop", neighbors_by_class),
+        trial("cells of the smallest radius are as large as its reach", cells_at_r_min),
         trial("bytes of a step are those that are written down", bytes_of_a_step),
         trial("two clouds start apart from walls with momenta that cancel but for the spin", clouds),
     ];
@@ -136,7 +137,7 @@ fn experiments_are_complete(device: DeviceChoice, gpu: Option<&Gpu>) {
     assert_eq!(steps.lines().count(), 1 + 3 * devices.len() * 10, "a header, and ten steps of each");
 
     let figure_20 = rows(&folder, "figure-20");
-    let names = ["coherent", "aabb-tree", "uniform-grid", "multi-level-grid"];
+    let names = ["coherent", "aabb-tree", "uniform-grid", "uniform-grid at r_min", "multi-level-grid"];
     is(measured(&figure_20, "steps a second"), of_all(&names));
     is(measured(&figure_20, "spread over r"), of_all(&names));
     let papers: BTreeSet<&str> = figure_20
@@ -148,7 +149,11 @@ fn experiments_are_complete(device: DeviceChoice, gpu: Option<&Gpu>) {
         .collect();
     assert_eq!(papers, ["0.400000", "21.000000", "4.000000"].into());
     for rule in PairRule::ALL {
-        assert!(figure_20.iter().filter(|row| row["setting"] == rule.name()).count() >= 3 * 4, "{}", rule.name());
+        assert!(
+            figure_20.iter().filter(|row| row["setting"] == rule.name()).count() >= 3 * (5 * devices.len() + 3),
+            "{}",
+            rule.name()
+        );
     }
 
     let green = rows(&folder, "green");
@@ -233,6 +238,18 @@ fn planted_measures() {
     for wrong in wrong {
         assert!(close(&scene, &wrong, &right).is_err(), "{wrong:?}");
         close(&scene, &Timed { steps: 9, ..wrong }, &right).expect("other steps are not compared");
+    }
+}
+
+fn cells_at_r_min() {
+    let ParticleSearch::UniformGrid { cell } = AT_R_MIN else { panic!("{AT_R_MIN} is no grid") };
+    for rule in PairRule::ALL {
+        let options = BuiltinOptions { particles: Some(2000), pair_rule: Some(rule), ..BuiltinOptions::default() };
+        let scene = builtin_scene("paper-fig20", &options).expect("a scene");
+        let ParticleModel::Dem(dem) = &scene.model else { panic!("grains") };
+        let smallest = dem.radii.iter().copied().fold(f64::INFINITY, f64::min);
+        let least = rule.reach(smallest, smallest);
+        assert!((cell * dem.largest_reach() / least - 1.0).abs() < 1e-12, "{}: {least}", rule.name());
     }
 }
 

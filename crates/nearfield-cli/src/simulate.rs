@@ -90,7 +90,8 @@ pub(crate) struct SimulateArgs {
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     pub(crate) seconds: Option<f64>,
 
-    /// Who finds neighbours: brute-force, primary, coherent, uniform-grid, multi-level-grid, aabb-tree or verlet
+    /// Who finds neighbours: brute-force, primary, coherent, uniform-grid, multi-level-grid, aabb-tree or verlet; uniform-grid:0.5 has cells
+    /// of half the largest reach, verlet:0.2 a skin of a fifth of it
     #[arg(long, value_name = "SEARCH", default_value = "uniform-grid")]
     search: ParticleSearch,
 

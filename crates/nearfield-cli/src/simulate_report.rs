@@ -56,7 +56,7 @@ impl Told<'_> {
             "particles": self.scene.particles.len(),
             "boundary": self.scene.boundary.len(),
             "device": self.device,
-            "search": self.settings.search.name(),
+            "search": self.settings.search.to_string(),
             "deterministic": self.settings.deterministic,
             "step": ends.map(|[_, last]| last.step()),
             "time": ends.map(|[_, last]| last.time()),

@@ -34,7 +34,7 @@ impl Reference {
     /// As the simulations.
     pub fn of(lab: &Lab, scene: &ParticleScene, on_gpu: bool) -> Result<Self> {
         let few = scene.particles.len() <= MOST_BY_BRUTE_FORCE;
-        let search = if few { ParticleSearch::BruteForce } else { ParticleSearch::UniformGrid };
+        let search = if few { ParticleSearch::BruteForce } else { ParticleSearch::UNIFORM_GRID };
         let in_hardware = on_gpu && lab.gpu().is_some_and(|gpu| gpu.kind() != AdapterKind::Software);
         let steps = STEPS[usize::from(!in_hardware)];
         let particles = after(lab, scene, Way { search, on_gpu }, steps)?;

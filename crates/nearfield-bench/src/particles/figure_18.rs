@@ -61,7 +61,7 @@ fn add_ratios(lab: &Lab, sheet: &mut Sheet<'_>, cases: &[Case]) -> Result<()> {
                 let name = row.method.trim_end_matches(&kind);
                 let paper = original(case).and_then(|paper| match name {
                     shifted_sort::NAME => Some(paper.coherent / paper.shifted_sort),
-                    _ if name == ParticleSearch::UniformGrid.name() => Some(paper.coherent / paper.voxels),
+                    _ if name == ParticleSearch::UNIFORM_GRID.name() => Some(paper.coherent / paper.voxels),
                     _ => None,
                 });
                 let ratio = row.value.map_or(0.0, |other| own / other);

@@ -18,7 +18,7 @@ use crate::provenance::COMMIT;
 
 const SEARCHES: [ParticleSearch; 3] = [
     ParticleSearch::Coherent(RebuildPolicy::DEFAULT),
-    ParticleSearch::UniformGrid,
+    ParticleSearch::UNIFORM_GRID,
     ParticleSearch::Verlet { skin: ParticleSearch::SKIN },
 ];
 /// Marks of a line in the plot: each is the median of as many steps.

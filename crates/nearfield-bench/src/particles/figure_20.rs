@@ -1,13 +1,15 @@
-//! Figure 20: grains of three radii, by every search and every rule for pairs, with small and large radii.
+//! Figure 20: grains of three radii, by searches and every rule for pairs, with small and large radii. The single grid has cells for the
+//! largest radius, and for the smallest.
 
 use nearfield::application::particles::{
     BuiltinOptions, PairRule, ParticleModel, ParticleScene, ParticleSearch, builtin_scene,
 };
+use nearfield::structure::RebuildPolicy;
 use nearfield::{FixedRadius, GridSettings, NeighborSearch, UniformGrid, Vec3};
 
 use super::case::{self, Case};
 use super::original::{BySmallestRadius, FIGURE_20, FIGURE_20_PARTICLES};
-use super::ways::{devices, method, searches};
+use super::ways::{AT_R_MIN, Way, devices};
 use crate::Result;
 use crate::paper::lab::Lab;
 use crate::paper::plotting;
@@ -15,7 +17,13 @@ use crate::paper::rows::{Row, Sheet};
 use crate::plots::{Axes, Frame, Panel};
 
 /// Searches that are compared; the paper has the first and the single grid.
-const NAMES: [&str; 4] = ["coherent", "aabb-tree", "uniform-grid", "multi-level-grid"];
+const SEARCHES: [ParticleSearch; 5] = [
+    ParticleSearch::Coherent(RebuildPolicy::DEFAULT),
+    ParticleSearch::AabbTree(RebuildPolicy::DEFAULT),
+    ParticleSearch::UNIFORM_GRID,
+    AT_R_MIN,
+    ParticleSearch::MultiLevelGrid,
+];
 /// Classes of the scene.
 const CLASSES: [&str; 3] = ["radius 3 r", "radius 2 r", "radius r"];
 
@@ -35,17 +43,11 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
         for row in neighbors_by_class(lab, case)? {
             sheet.add(row)?;
         }
-        let row = case.row(lab, lab.gpu().is_some(), method("uniform-grid at r_min", lab.gpu().is_some()));
-        sheet.attempt(row, || {
-            let what = "a simulation with a grid whose cells are smaller than the largest reach".to_owned();
-            Err(nearfield::Error::Unsupported { what, advice: "multi-level-grid has cells for each class" }.into())
-        })?;
     }
-    let compared: Vec<_> = searches().into_iter().filter(|search| NAMES.contains(&search.name())).collect();
-    case::all(lab, &mut sheet, &cases, &compared, |case, way, row, timed| {
+    case::all(lab, &mut sheet, &cases, &SEARCHES, |case, way, row, timed| {
         let paper = original(case).filter(|_| case.setting == PairRule::Gather.name());
         let mut rows = vec![row.clone().paper(paper.and_then(|paper| paper.of(way.search)))];
-        if way.search == ParticleSearch::UniformGrid {
+        if way.search == ParticleSearch::UNIFORM_GRID {
             rows.extend(case.stages(lab, way, &row, timed)?);
         }
         Ok(rows)
@@ -112,8 +114,8 @@ fn add_spreads(lab: &Lab, sheet: &mut Sheet<'_>) -> Result<()> {
     let rows: Vec<Row> = sheet.rows().iter().filter(|row| row.unit == "steps/s").cloned().collect();
     for rule in PairRule::ALL {
         for &on_gpu in devices(lab) {
-            for name in NAMES {
-                let name = method(name, on_gpu);
+            for search in SEARCHES {
+                let name = Way { search, on_gpu }.name();
                 let of_method: Vec<&Row> =
                     rows.iter().filter(|row| row.method == name && row.setting == rule.name()).collect();
                 let values: Vec<f64> = of_method.iter().filter_map(|row| row.value).collect();
@@ -142,8 +144,8 @@ fn plot(lab: &Lab, rows: &[Row]) -> Result<()> {
             let published =
                 |of: fn(&BySmallestRadius) -> f64| FIGURE_20.iter().map(|p| (100.0 * p.r_over_l, of(p))).collect();
             let papers = [
-                plotting::published("coherent, paper", color("coherent"), published(|paper| paper.coherent)),
-                plotting::published("voxels, paper", color("uniform-grid"), published(|paper| paper.voxels)),
+                plotting::published("coherent, paper", color("coherent,"), published(|paper| paper.coherent)),
+                plotting::published("voxels, paper", color("uniform-grid,"), published(|paper| paper.voxels)),
             ];
             series.extend(papers);
         }

@@ -17,7 +17,7 @@ pub const PARTICLES: usize = 1_000_000;
 pub const ACCEL_PARTICLES: [usize; 2] = [10_000, 100_000];
 const STEPS: u32 = 300;
 const SEARCHES: [ParticleSearch; 2] =
-    [ParticleSearch::UniformGrid, ParticleSearch::Verlet { skin: ParticleSearch::SKIN }];
+    [ParticleSearch::UNIFORM_GRID, ParticleSearch::Verlet { skin: ParticleSearch::SKIN }];
 /// A fluid whose mean compression is larger in parts has lost its volume.
 const MOST_COMPRESSION: f64 = 0.1;
 
@@ -43,7 +43,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
             let case = of_model(lab, "accel-fluid", FluidModel::Pbf, particles)?;
             let mut by_brute_force = None;
             for (search, frames) in
-                [ParticleSearch::BruteForce, ParticleSearch::UniformGrid].into_iter().zip(ACCEL_FRAMES)
+                [ParticleSearch::BruteForce, ParticleSearch::UNIFORM_GRID].into_iter().zip(ACCEL_FRAMES)
             {
                 let (way, seconds) = (Way { search, on_gpu }, pace.next_share());
                 let row = case.row(lab, on_gpu, way.name());

@@ -40,10 +40,10 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
             sheet.attempt(case.row(lab, on_gpu, way.name()), || {
                 let (row, timed) = case.time(lab, way, seconds, &mut shared)?;
                 let mut rows = vec![row.clone()];
-                if search == ParticleSearch::UniformGrid {
+                if search == ParticleSearch::UNIFORM_GRID {
                     rows.extend(case.stages(lab, way, &row, &timed)?);
                 }
-                if search == ParticleSearch::UniformGrid && on_gpu {
+                if search == ParticleSearch::UNIFORM_GRID && on_gpu {
                     let bytes = bytes_a_step(&case.scene);
                     let note =
                         "what a step has to move at least once: positions, velocities, the sort of the grid, reports";

@@ -75,7 +75,7 @@ impl BySmallestRadius {
 fn of(search: ParticleSearch, coherent: f64, voxels: f64) -> Option<f64> {
     match search {
         ParticleSearch::Coherent(_) => Some(coherent),
-        ParticleSearch::UniformGrid => Some(voxels),
+        ParticleSearch::UNIFORM_GRID => Some(voxels),
         _ => None,
     }
 }

@@ -84,7 +84,7 @@ pub fn measure(lab: &Lab, case: &Case, mut row: Row, seconds: f64) -> Result<Row
 
 /// Moments of the run, evenly from its first step to its last, or as far as the time leads.
 fn moments(lab: &Lab, case: &Case, reach: f32, seconds: f64) -> Result<Vec<Moment>> {
-    let way = Way { search: ParticleSearch::UniformGrid, on_gpu: lab.gpu().is_some() };
+    let way = Way { search: ParticleSearch::UNIFORM_GRID, on_gpu: lab.gpu().is_some() };
     let mut simulation = way.open(lab, &case.scene, false)?;
     let mut moments = Vec::new();
     let begin = Instant::now();

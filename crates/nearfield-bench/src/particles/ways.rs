@@ -11,6 +11,10 @@ use crate::paper::lab::Lab;
 /// Most pairs of a step that are tried by brute force: on a GPU in hardware, and elsewhere.
 const MOST_PAIRS: [f64; 2] = [1e11, 3e9];
 
+/// The single grid of figure 20 with cells for its smallest radius: its radii are 3 r, 2 r and r, so by each rule the least reach is a third
+/// of the largest, and a large ball touches many cells.
+pub const AT_R_MIN: ParticleSearch = ParticleSearch::UniformGrid { cell: 1.0 / 3.0 };
+
 /// A search on a device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Way {
@@ -23,7 +27,7 @@ pub struct Way {
 impl Way {
     /// "coherent, GPU".
     pub fn name(self) -> String {
-        method(self.search.name(), self.on_gpu)
+        method(search_name(self.search), self.on_gpu)
     }
 
     /// A simulation from the start of the scene.
@@ -57,6 +61,11 @@ impl Way {
     fn settings(self, deterministic: bool) -> SimulationSettings {
         SimulationSettings { search: self.search, deterministic, ..SimulationSettings::default() }
     }
+}
+
+/// The name of a search in the tables.
+pub fn search_name(search: ParticleSearch) -> &'static str {
+    if search == AT_R_MIN { "uniform-grid at r_min" } else { search.name() }
 }
 
 /// The name of a method on a device.

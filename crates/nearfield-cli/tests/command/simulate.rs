@@ -112,6 +112,7 @@ fn options_that_make_no_sense_are_refused() {
         ("--frames-per-second -1", "--frames-per-second"),
         ("--model pbf", "model"),
         ("--search octree", "search"),
+        ("--search uniform-grid:0", "1/64"),
         ("--color density", "densities"),
         ("--max-speed 0", "largest speed"),
     ] {

@@ -38,7 +38,7 @@ fn scenes() -> Vec<(String, ParticleScene)> {
 }
 
 fn goes_on() {
-    let searches = [(ParticleSearch::UniformGrid, false), (ParticleSearch::MultiLevelGrid, true)];
+    let searches = [(ParticleSearch::UNIFORM_GRID, false), (ParticleSearch::MultiLevelGrid, true)];
     for ((name, scene), (search, deterministic)) in scenes().into_iter().flat_map(|s| searches.map(|t| (s.clone(), t)))
     {
         let settings =

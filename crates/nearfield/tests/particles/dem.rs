@@ -32,6 +32,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         trial("grains_can_be_none_one_or_all_in_one_place", few_and_coincident),
         trial("grains_that_are_too_fast_end_the_simulation", blow_up_is_told),
         trial("scenes_that_cannot_be_simulated_are_errors", wrong_scenes_are_errors),
+        trial("searches_are_named_with_their_numbers", searches_have_names),
         trial("a_simulation_goes_on_from_saved_grains", resumes),
         trial("grains_in_the_plane_stay_there", plane_is_kept),
     ];
@@ -42,10 +43,11 @@ pub(crate) fn trials() -> Vec<Trial> {
     trials
 }
 
-/// Every search, trees by every policy that does not depend on times.
+/// Every search, trees by every policy that does not depend on times, grids with small and large cells.
 pub(crate) fn searches() -> Vec<ParticleSearch> {
     let mut searches = ParticleSearch::ALL.to_vec();
     searches.push(ParticleSearch::AabbTree(RebuildPolicy::Always));
+    searches.extend([1.0 / 3.0, 2.5].map(|cell| ParticleSearch::UniformGrid { cell }));
     searches.push(ParticleSearch::Coherent(RebuildPolicy::Never));
     searches
 }
@@ -264,6 +266,9 @@ fn wrong_scenes_are_errors() {
     for settings in [
         SimulationSettings { max_speed: 0.0, ..SimulationSettings::default() },
         SimulationSettings { search: ParticleSearch::Verlet { skin: 0.0 }, ..SimulationSettings::default() },
+        SimulationSettings { search: ParticleSearch::UniformGrid { cell: 0.01 }, ..SimulationSettings::default() },
+        SimulationSettings { search: ParticleSearch::UniformGrid { cell: f64::NAN }, ..SimulationSettings::default() },
+        SimulationSettings { search: ParticleSearch::UniformGrid { cell: -1.0 }, ..SimulationSettings::default() },
         SimulationSettings {
             search: ParticleSearch::AabbTree(RebuildPolicy::VolumeRatio { limit: 0.5 }),
             ..SimulationSettings::default()
@@ -271,6 +276,39 @@ fn wrong_scenes_are_errors() {
     ] {
         let refused = Simulation::new(&scene, &settings).map(drop);
         assert!(matches!(refused, Err(Error::InvalidSetting { .. })), "{refused:?}");
+    }
+}
+
+fn searches_have_names() {
+    for search in searches() {
+        // Policies have no names of their own here.
+        let read: ParticleSearch = search.to_string().parse().unwrap();
+        assert_eq!(read, search.with_policy(RebuildPolicy::DEFAULT), "{search}");
+        if let ParticleSearch::AabbTree(_) | ParticleSearch::Coherent(_) = search {
+            assert_eq!(read.to_string(), search.name());
+        }
+    }
+    let read = |text: &str| text.parse::<ParticleSearch>();
+    assert_eq!(read("uniform-grid").unwrap(), ParticleSearch::UniformGrid { cell: 1.0 });
+    assert_eq!(read("uniform-grid:0.25").unwrap(), ParticleSearch::UniformGrid { cell: 0.25 });
+    assert_eq!(read("uniform-grid:1").unwrap().to_string(), "uniform-grid");
+    assert_eq!(read("verlet:0.1").unwrap(), ParticleSearch::Verlet { skin: 0.1 });
+    for (text, told) in [
+        ("octree", "multi-level-grid"),
+        ("uniform-grid:", "number"),
+        ("uniform-grid:small", "number"),
+        ("uniform-grid:nan", "1/64"),
+        ("uniform-grid:0", "1/64"),
+        ("uniform-grid:-1", "1/64"),
+        ("uniform-grid:inf", "1/64"),
+        ("uniform-grid:0.01", "too many"),
+        ("verlet:0", "skin"),
+        ("coherent:2", "behind uniform-grid"),
+    ] {
+        match read(text) {
+            Err(error @ Error::InvalidSetting { .. }) => assert!(error.to_string().contains(told), "{text}: {error}"),
+            other => panic!("{text}: {other:?}"),
+        }
     }
 }
 

@@ -139,7 +139,7 @@ fn few_and_coincident(gpu: &Gpu) {
             check(&scene, search);
         }
         scene.dimensions = Dimensions::Two;
-        check(&scene, ParticleSearch::UniformGrid);
+        check(&scene, ParticleSearch::UNIFORM_GRID);
     }
 }
 

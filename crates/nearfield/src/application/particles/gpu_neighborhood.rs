@@ -118,7 +118,7 @@ impl GpuNeighborhood {
     /// Whether the structure takes all points anew in each step, without the host.
     fn starts_anew(&self) -> bool {
         use ParticleSearch::{BruteForce, MultiLevelGrid, UniformGrid};
-        matches!(self.search, BruteForce | UniformGrid | MultiLevelGrid)
+        matches!(self.search, BruteForce | UniformGrid { .. } | MultiLevelGrid)
     }
 
     /// Whether a step needs the host.
@@ -209,9 +209,9 @@ impl GpuNeighborhood {
         let order = if self.deterministic { EntryOrder::AsGiven } else { EntryOrder::Any };
         let structure = match self.search {
             ParticleSearch::BruteForce => Structure::BruteForce(GpuBruteForce::build_on_device(gpu, points)?),
-            ParticleSearch::UniformGrid => {
-                let settings = GridSettings::for_radius(radius);
-                let mut builder = GridBuilder::with_order(gpu, points.len(), &self.domain, &settings, order)?;
+            ParticleSearch::UniformGrid { .. } => {
+                let cells = GridSettings::for_radius(self.search.cell_size(radius));
+                let mut builder = GridBuilder::with_order(gpu, points.len(), &self.domain, &cells, order)?;
                 let grid = builder.build(points)?;
                 Structure::Grid(Box::new((builder, grid)))
             }

@@ -122,7 +122,8 @@ impl Neighborhood {
                     false
                 }
                 Structure::Grid(grid) => {
-                    *grid = UniformGrid::build(positions, &GridSettings::for_radius(level.radius).periodic(period))?;
+                    let cells = GridSettings::for_radius(self.search.cell_size(level.radius)).periodic(period);
+                    *grid = UniformGrid::build(positions, &cells)?;
                     false
                 }
                 Structure::Tree(tree) => tree.update(positions)?.is_rebuild(),
@@ -179,8 +180,9 @@ impl Neighborhood {
         };
         let structure = match self.search {
             ParticleSearch::BruteForce => Structure::BruteForce(BruteForce::build_periodic(positions, period)?),
-            ParticleSearch::UniformGrid | ParticleSearch::MultiLevelGrid => {
-                Structure::Grid(UniformGrid::build(positions, &GridSettings::for_radius(radius).periodic(period))?)
+            ParticleSearch::UniformGrid { .. } | ParticleSearch::MultiLevelGrid => {
+                let cells = GridSettings::for_radius(self.search.cell_size(radius)).periodic(period);
+                Structure::Grid(UniformGrid::build(positions, &cells)?)
             }
             ParticleSearch::AabbTree(policy) => tree(policy, TreeSearch::Packed)?,
             ParticleSearch::Primary(policy) => tree(policy, TreeSearch::Primary)?,

@@ -53,7 +53,7 @@ pub(in crate::application::particles) fn boundary_alone(
         State { positions: scene.boundary.clone(), classes: std::iter::once(0..0).collect(), ..State::default() };
     let (images, reach) = (Images::new(scene.domain, scene.periodic), Reach::one(support));
     let classes = std::iter::once(0..n).collect();
-    let mut around = Neighborhood::new(ParticleSearch::UniformGrid, true, scene.domain, images, classes, reach);
+    let mut around = Neighborhood::new(ParticleSearch::UNIFORM_GRID, true, scene.domain, images, classes, reach);
     around.follow(&state.positions)?;
     Ok((state, around))
 }
