@@ -75,7 +75,7 @@ pub(crate) struct SimulateArgs {
     pub(crate) dimensions: Option<Dimensions>,
 
     /// Which grains of paper-fig20 act on each other: contact, symmetric or gather [default: contact]
-    #[arg(long, value_name = "RULE", value_parser = pair_rule)]
+    #[arg(long, value_name = "RULE")]
     pub(crate) pair_rule: Option<PairRule>,
 
     /// Radius of the smallest grains of paper-fig20 in percent of the domain's diagonal, such as 0.25%
@@ -374,11 +374,6 @@ fn dimensions(text: &str) -> Result<Dimensions, String> {
         "3" => Ok(Dimensions::Three),
         _ => Err("expected 2 or 3".to_owned()),
     }
-}
-
-fn pair_rule(text: &str) -> Result<PairRule, String> {
-    let known = PairRule::ALL.into_iter().find(|rule| rule.name() == text);
-    known.ok_or_else(|| "expected contact, symmetric or gather".to_owned())
 }
 
 fn percent(text: &str) -> Result<f64, String> {

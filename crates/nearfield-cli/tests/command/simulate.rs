@@ -113,6 +113,7 @@ fn options_that_make_no_sense_are_refused() {
         ("--model pbf", "model"),
         ("--search octree", "search"),
         ("--search uniform-grid:0", "1/64"),
+        ("--pair-rule touch", "contact, symmetric or gather"),
         ("--color density", "densities"),
         ("--max-speed 0", "largest speed"),
     ] {

@@ -14,6 +14,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         trial("a_scene_file_of_grains_has_classes_and_a_collider", grains_are_placed),
         trial("every_model_has_its_keys", models_have_keys),
         trial("scene_files_that_are_wrong_say_where_and_why", wrong_files),
+        trial("rules_and_smoothing_kernels_are_named", choices_have_names),
         trial("scene_files_are_named_in_errors", files_are_named),
     ]
 }
@@ -150,6 +151,11 @@ fn wrong_files() {
         ("kind = 'dem'\nradii = [0.1, -0.1]", "radius"),
         ("kind = 'dem'\nradii = [0.1]\nspacing = 0.1", "spacing of a dem model"),
         ("kind = 'wcsph'\nspacing = 0.1", "no sound_speed"),
+        ("kind = 'dfsph'\nspacing = 0.1\nsmoothing = 'gauss'", ":6:"),
+        ("kind = 'dfsph'\nspacing = 0.1\nsmoothing = 'gauss'", "cubic-spline, wendland, poly6 or spiky"),
+        ("kind = 'dfsph'\nspacing = 0.1\nsmoothing = 3", ":6:"),
+        ("kind = 'dem'\nradii = [0.1]\npair_rule = 'touch'", ":6:"),
+        ("kind = 'dem'\nradii = [0.1]\npair_rule = 'touch'", "contact, symmetric or gather"),
         ("kind = 'dem'\nradii = [0.1]\n[[wall]]\nlow = [0, 0, 0]\nhigh = [1, 1, 1]", "[[wall]]"),
     ] {
         let error = parse_particle_scene(&with_model(model)).expect_err(model).to_string();
@@ -164,6 +170,18 @@ fn wrong_files() {
             with_model("kind = 'pbf'\nspacing = 0.1").replace("time_step = 0.01", &format!("time_step = {step}"));
         let error = parse_particle_scene(&text).expect_err(step).to_string();
         assert!(error.contains("step") || error.contains("table with factor"), "{step}: {error}");
+    }
+}
+
+fn choices_have_names() {
+    for rule in PairRule::ALL {
+        assert_eq!(rule.to_string().parse::<PairRule>().expect("a name"), rule);
+    }
+    for kernel in SmoothingKernel::ALL {
+        assert_eq!(kernel.to_string().parse::<SmoothingKernel>().expect("a name"), kernel);
+    }
+    for error in ["Contact".parse::<PairRule>().map(drop), "".parse::<SmoothingKernel>().map(drop)] {
+        assert!(matches!(error, Err(Error::InvalidSetting { .. })), "{error:?}");
     }
 }
 

@@ -12,6 +12,9 @@ mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
 
+use std::fmt;
+use std::str::FromStr;
+
 use glam::DVec3;
 
 use super::scene::{MOST_CLASSES, not_negative, positive};
@@ -89,6 +92,25 @@ impl PairRule {
             Self::Symmetric => own.max(other),
             Self::Gather => own,
         }
+    }
+}
+
+impl fmt::Display for PairRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for PairRule {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let known = Self::ALL.into_iter().find(|rule| rule.name() == name);
+        known.ok_or_else(|| Error::InvalidSetting {
+            setting: "pair rule",
+            found: name.to_owned(),
+            expected: "contact, symmetric or gather",
+        })
     }
 }
 

@@ -1,6 +1,8 @@
 //! Smoothing kernels of fluids: how much a neighbour counts by its distance. Twin of smoothing.wesl.
 
 use std::f64::consts::PI;
+use std::fmt;
+use std::str::FromStr;
 
 use crate::application::particles::Dimensions;
 use crate::{Error, Result};
@@ -82,6 +84,25 @@ impl SmoothingKernel {
             Self::Poly6 => -6.0 * q * (1.0 - q * q).max(0.0).powi(2),
             Self::Spiky => -3.0 * rest * rest,
         }
+    }
+}
+
+impl fmt::Display for SmoothingKernel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for SmoothingKernel {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let known = Self::ALL.into_iter().find(|kernel| kernel.name() == name);
+        known.ok_or_else(|| Error::InvalidSetting {
+            setting: "smoothing kernel",
+            found: name.to_owned(),
+            expected: "cubic-spline, wendland, poly6 or spiky",
+        })
     }
 }
 

@@ -1,6 +1,10 @@
 //! The keys of a scene file. A key that is not known is an error.
 
-use serde::Deserialize;
+use std::fmt::Display;
+use std::str::FromStr;
+
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
 
 use super::super::{PairRule, SmoothingKernel};
 
@@ -69,7 +73,8 @@ pub(super) struct ModelEntry {
     pub(super) tensile_distance: Option<f64>,
     pub(super) vorticity: Option<f64>,
     pub(super) xsph: Option<f64>,
-    pub(super) smoothing: Option<SmoothingEntry>,
+    #[serde(default, deserialize_with = "named")]
+    pub(super) smoothing: Option<SmoothingKernel>,
     pub(super) sound_speed: Option<f64>,
     pub(super) exponent: Option<f64>,
     pub(super) artificial_viscosity: Option<f64>,
@@ -78,7 +83,8 @@ pub(super) struct ModelEntry {
     pub(super) density_tolerance: Option<f64>,
     pub(super) divergence_tolerance: Option<f64>,
     pub(super) radii: Option<Vec<f64>>,
-    pub(super) pair_rule: Option<RuleEntry>,
+    #[serde(default, deserialize_with = "named")]
+    pub(super) pair_rule: Option<PairRule>,
     pub(super) spring: Option<f64>,
     pub(super) damping: Option<f64>,
     pub(super) shear: Option<f64>,
@@ -88,42 +94,9 @@ pub(super) struct ModelEntry {
     pub(super) collider: Option<ColliderEntry>,
 }
 
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum SmoothingEntry {
-    CubicSpline,
-    Wendland,
-    Poly6,
-    Spiky,
-}
-
-impl From<SmoothingEntry> for SmoothingKernel {
-    fn from(entry: SmoothingEntry) -> Self {
-        match entry {
-            SmoothingEntry::CubicSpline => Self::CubicSpline,
-            SmoothingEntry::Wendland => Self::Wendland,
-            SmoothingEntry::Poly6 => Self::Poly6,
-            SmoothingEntry::Spiky => Self::Spiky,
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(super) enum RuleEntry {
-    Contact,
-    Symmetric,
-    Gather,
-}
-
-impl From<RuleEntry> for PairRule {
-    fn from(entry: RuleEntry) -> Self {
-        match entry {
-            RuleEntry::Contact => Self::Contact,
-            RuleEntry::Symmetric => Self::Symmetric,
-            RuleEntry::Gather => Self::Gather,
-        }
-    }
+/// A choice by its name; the reader adds the line to what is said of a wrong one.
+fn named<'de, D: Deserializer<'de>, T: FromStr<Err: Display>>(reader: D) -> Result<Option<T>, D::Error> {
+    String::deserialize(reader)?.parse().map(Some).map_err(D::Error::custom)
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]

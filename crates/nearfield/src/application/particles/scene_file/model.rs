@@ -46,7 +46,7 @@ pub(super) fn model(entry: &ModelEntry) -> Result<ParticleModel> {
             let sound_speed = needed(entry.kind, "sound_speed", entry.sound_speed)?;
             let usual = WcsphSettings::new(fluid(entry)?, sound_speed);
             ParticleModel::Wcsph(WcsphSettings {
-                smoothing: entry.smoothing.map_or(usual.smoothing, Into::into),
+                smoothing: entry.smoothing.unwrap_or(usual.smoothing),
                 exponent: entry.exponent.unwrap_or(usual.exponent),
                 artificial_viscosity: entry.artificial_viscosity.unwrap_or(usual.artificial_viscosity),
                 viscosity: entry.viscosity.unwrap_or(usual.viscosity),
@@ -57,7 +57,7 @@ pub(super) fn model(entry: &ModelEntry) -> Result<ParticleModel> {
         Kind::Dfsph => {
             let usual = DfsphSettings::new(fluid(entry)?);
             ParticleModel::Dfsph(DfsphSettings {
-                smoothing: entry.smoothing.map_or(usual.smoothing, Into::into),
+                smoothing: entry.smoothing.unwrap_or(usual.smoothing),
                 density_tolerance: entry.density_tolerance.unwrap_or(usual.density_tolerance),
                 divergence_tolerance: entry.divergence_tolerance.unwrap_or(usual.divergence_tolerance),
                 most_iterations: entry.most_iterations.unwrap_or(usual.most_iterations),
@@ -85,7 +85,7 @@ fn dem(entry: &ModelEntry) -> Result<DemSettings> {
     let collider = entry.collider.map(|ball| Collider { center: DVec3::from_array(ball.center), radius: ball.radius });
     Ok(DemSettings {
         radii,
-        pair_rule: entry.pair_rule.map_or(usual.pair_rule, Into::into),
+        pair_rule: entry.pair_rule.unwrap_or(usual.pair_rule),
         spring: entry.spring.unwrap_or(usual.spring),
         damping: entry.damping.unwrap_or(usual.damping),
         shear: entry.shear.unwrap_or(usual.shear),
