@@ -50,7 +50,7 @@ A scene file (.toml) places blocks of particles in a box:
   high = [4.0, 3.0, 1.0]
 All keys, units and defaults: documentation of `nearfield::application::particles::read_particle_scene`.
 
-The folder gets frame-00000.png and so on, measures.csv (a row a frame), checkpoint.npz (now and then, and at the end), with --vtp
+The folder gets frame-00000.png and so on, measures.csv (a row a frame, and one before a blow-up), checkpoint.npz (now and then, and at the end), with --vtp
 or --ply the particles of each frame, with --video film.png, an animated PNG that browsers show. Ctrl-C ends after the step that is
 under way, keeps everything so far and exits with code 130.";
 
@@ -300,9 +300,16 @@ impl Course<'_> {
             let next_frame = (frame + 1) as f64 / self.rate;
             let clock = Instant::now();
             let steps = chunk.min(end.steps_until(simulation, next_frame));
-            let reports = simulation.advance(steps, &mut Watch::none())?;
+            let advanced = simulation.advance(steps, &mut Watch::none());
             let took = milliseconds(clock) / 1e3;
             self.seconds += took;
+            let reports = match advanced {
+                Ok(reports) => reports,
+                Err(error) => {
+                    self.row_before_failure(simulation)?;
+                    return Err(error);
+                }
+            };
             self.measured.count(&reports);
             chunk = if took < 0.5 * LOOK_EVERY { (2 * chunk).min(MOST_STEPS) } else { (chunk / 2).max(1) };
             bar.show(end.done(simulation), &self.speed());
@@ -320,6 +327,17 @@ impl Course<'_> {
             }
         }
         Ok(true)
+    }
+
+    /// A row of measures of the particles as the last finished step has left them, where they have none yet.
+    fn row_before_failure(&mut self, simulation: &mut dyn Simulate) -> nearfield::Result<()> {
+        let reports = simulation.take_reports();
+        self.measured.count(&reports);
+        if let Some(last) = reports.last() {
+            let row = Row::of(simulation, &simulation.particles()?, *last, self.measured.rebuilds());
+            self.measured.push(row, self.measured.last_frame(), self.seconds);
+        }
+        Ok(())
     }
 
     fn speed(&self) -> String {

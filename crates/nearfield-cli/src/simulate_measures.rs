@@ -1,4 +1,4 @@
-//! Numbers of a simulation, a row a frame: `measures.csv`.
+//! Numbers of a simulation, a row a frame, and one of the last sound step where it ends early: `measures.csv`.
 
 use std::io::{self, Write};
 

@@ -1,11 +1,13 @@
 //! Grains against a table of an independent program, what they conserve, and what cannot be simulated.
 
+use std::ops::ControlFlow;
+
 use libtest_mimic::Trial;
-use nearfield::application::Watch;
 use nearfield::application::particles::{
     BuiltinOptions, DemSettings, Dimensions, Measures, PairRule, ParticleModel, ParticleScene, ParticleSearch,
     Particles, Simulate, Simulation, SimulationSettings, TimeStep, builtin_scene,
 };
+use nearfield::application::{Progress, Watch};
 use nearfield::{DVec3, Error, RebuildPolicy};
 
 use crate::support::{Random, is_long, trial};
@@ -31,6 +33,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         trial("energy_never_grows_without_springs", energy_never_grows),
         trial("grains_can_be_none_one_or_all_in_one_place", few_and_coincident),
         trial("grains_that_are_too_fast_end_the_simulation", blow_up_is_told),
+        trial("steps_before_a_blow_up_or_an_interruption_are_reported", finished_steps_are_reported),
         trial("scenes_that_cannot_be_simulated_are_errors", wrong_scenes_are_errors),
         trial("searches_are_named_with_their_numbers", searches_have_names),
         trial("a_simulation_goes_on_from_saved_grains", resumes),
@@ -222,6 +225,36 @@ fn blow_up_is_told() {
         }
         other => panic!("{other:?}"),
     }
+}
+
+/// Grains that fall freely, 0.00015 faster in each step, and may be as fast as after six.
+pub(crate) fn falling() -> (ParticleScene, SimulationSettings) {
+    let mut scene = few_grains(1);
+    scene.particles = Particles::at_rest(vec![DVec3::ZERO; 3]);
+    (scene, SimulationSettings { max_speed: 0.000_15 * 6.5, ..SimulationSettings::default() })
+}
+
+fn finished_steps_are_reported() {
+    let (scene, settings) = falling();
+    let mut simulation = Simulation::new(&scene, &settings).unwrap();
+    let first = simulation.advance(2, &mut Watch::none()).unwrap();
+    assert_eq!((first.len(), simulation.take_reports().len()), (2, 0));
+    let ended = simulation.advance(9, &mut Watch::none());
+    assert!(matches!(ended, Err(Error::BlowUp { step: 7, .. })), "{ended:?}");
+    let reports = simulation.take_reports();
+    let of_steps: Vec<(u64, f64)> = reports.iter().map(|report| (report.step, report.time)).collect();
+    assert_eq!(of_steps, [(3, 1.5), (4, 2.0), (5, 2.5), (6, 3.0)]);
+    assert_eq!((simulation.step(), simulation.take_reports().len()), (6, 0));
+    // Nothing of an earlier call is left.
+    assert!(simulation.advance(1, &mut Watch::none()).is_err() && simulation.take_reports().is_empty());
+
+    let mut simulation = Simulation::new(&scene, &settings).unwrap();
+    let mut third = |progress: Progress| {
+        if progress.done == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let ended = simulation.advance(5, &mut Watch::new(&mut third));
+    assert!(matches!(ended, Err(Error::Interrupted { done: 3, .. })), "{ended:?}");
+    assert_eq!((simulation.step(), simulation.take_reports().len()), (3, 3));
 }
 
 fn wrong_scenes_are_errors() {

@@ -9,7 +9,7 @@ use nearfield::application::particles::{
 };
 use nearfield::gpu::Gpu;
 
-use crate::dem::{few_grains, in_the_plane, searches, three_classes};
+use crate::dem::{falling, few_grains, in_the_plane, searches, three_classes};
 use crate::runs::run;
 use crate::support::gpu_trial;
 
@@ -21,6 +21,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("grains_that_are_no_numbers_are_named_on_the_device", not_a_number_is_told),
         gpu_trial("grains_on_the_device_can_be_none_one_or_all_in_one_place", few_and_coincident),
         gpu_trial("grains_that_are_too_fast_end_the_simulation_on_the_device", blow_up_is_told),
+        gpu_trial("steps_before_a_blow_up_on_the_device_are_reported", finished_steps_are_reported),
         gpu_trial("a_simulation_on_the_device_goes_on_from_saved_grains", resumes),
     ];
     for rule in PairRule::ALL {
@@ -146,6 +147,27 @@ fn blow_up_is_told(gpu: &Gpu) {
     assert_eq!(simulation.step(), 0);
     let kept = simulation.particles().unwrap();
     assert_eq!(kept.velocities[41].y, 0.5);
+}
+
+fn finished_steps_are_reported(gpu: &Gpu) {
+    let (scene, settings) = falling();
+    for search in [ParticleSearch::UNIFORM_GRID, ParticleSearch::Verlet { skin: ParticleSearch::SKIN }] {
+        let settings = SimulationSettings { search, ..settings };
+        let mut simulation = GpuSimulation::new(gpu, &scene, &settings).unwrap();
+        // The first submission is of one step; how many the next ones have, and so lose, depends on its time.
+        let ended = simulation.advance(9, &mut Watch::none());
+        assert!(matches!(ended, Err(Error::BlowUp { step: 7, .. })), "{search}: {ended:?}");
+        let reports = simulation.take_reports();
+        let steps: Vec<u64> = reports.iter().map(|report| report.step).collect();
+        assert_eq!(steps, (1..=simulation.step()).collect::<Vec<u64>>(), "{search}");
+        assert!(!steps.is_empty() && reports.last().map(|last| last.time) == Some(simulation.time()), "{search}");
+        assert!(simulation.take_reports().is_empty(), "{search}");
+        // Step by step none is lost.
+        while simulation.step() < 6 {
+            assert_eq!(simulation.advance(1, &mut Watch::none()).unwrap().len(), 1, "{search}");
+        }
+        assert!(simulation.advance(1, &mut Watch::none()).is_err() && simulation.take_reports().is_empty());
+    }
 }
 
 fn resumes(gpu: &Gpu) {

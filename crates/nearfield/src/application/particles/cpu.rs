@@ -53,6 +53,8 @@ pub struct Simulation {
     model: Box<dyn CpuModel>,
     step: u64,
     time: f64,
+    /// Of the finished steps of a call that is under way or has failed.
+    reports: Vec<StepReport>,
 }
 
 impl Simulation {
@@ -86,6 +88,7 @@ impl Simulation {
             model,
             step: 0,
             time: 0.0,
+            reports: Vec::new(),
         })
     }
 
@@ -157,12 +160,17 @@ impl Simulate for Simulation {
     }
 
     fn advance(&mut self, steps: u32, watch: &mut Watch<'_>) -> Result<Vec<StepReport>> {
-        let mut reports = Vec::with_capacity(steps as usize);
+        self.reports.clear();
         for done in 0..steps {
             watch.report("simulating", done.into(), steps.into())?;
-            reports.push(self.make_step()?);
+            let report = self.make_step()?;
+            self.reports.push(report);
         }
-        Ok(reports)
+        Ok(self.take_reports())
+    }
+
+    fn take_reports(&mut self) -> Vec<StepReport> {
+        std::mem::take(&mut self.reports)
     }
 
     fn step(&self) -> u64 {

@@ -178,6 +178,8 @@ pub struct GpuSimulation {
     time_step: f32,
     /// Steps of the next submission.
     together: u32,
+    /// Of the finished steps of a call that is under way or has failed.
+    reports: Vec<StepReport>,
 }
 
 impl GpuSimulation {
@@ -255,6 +257,7 @@ impl GpuSimulation {
             time: 0.0,
             time_step: 0.0,
             together: 1,
+            reports: Vec::new(),
         };
         simulation.time_step = simulation.first_step(&scene.particles);
         Ok(simulation)
@@ -404,13 +407,18 @@ impl Simulate for GpuSimulation {
     }
 
     fn advance(&mut self, steps: u32, watch: &mut Watch<'_>) -> Result<Vec<StepReport>> {
-        let mut reports = Vec::with_capacity(steps as usize);
-        while reports.len() < steps as usize {
-            let done = reports.len() as u32;
+        self.reports.clear();
+        while self.reports.len() < steps as usize {
+            let done = self.reports.len() as u32;
             watch.report("simulating", done.into(), steps.into())?;
-            reports.extend(self.submit(steps - done, &mut Recorder::new(&self.gpu))?);
+            let reports = self.submit(steps - done, &mut Recorder::new(&self.gpu))?;
+            self.reports.extend(reports);
         }
-        Ok(reports)
+        Ok(self.take_reports())
+    }
+
+    fn take_reports(&mut self) -> Vec<StepReport> {
+        std::mem::take(&mut self.reports)
     }
 
     fn step(&self) -> u64 {

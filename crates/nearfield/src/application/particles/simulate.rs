@@ -17,8 +17,13 @@ pub trait Simulate: Send {
     /// # Errors
     /// `BlowUp` where a particle has left what can be simulated: step and particle are named, and the particles are as they were before
     /// that step (on a device: before the steps that were submitted together with it). `Interrupted` where the watch ends it, between two
-    /// steps. As the search of neighbours.
+    /// steps. As the search of neighbours. What the steps did that were finished before, and led to where the particles are, says
+    /// [`Simulate::take_reports`].
     fn advance(&mut self, steps: u32, watch: &mut Watch<'_>) -> Result<Vec<StepReport>>;
+
+    /// What the finished steps of the last [`Simulate::advance`] did, where it has failed: from its first up to [`Simulate::step`], handed
+    /// out once. Nothing after a call that returned its reports.
+    fn take_reports(&mut self) -> Vec<StepReport>;
 
     /// Steps made so far.
     fn step(&self) -> u64;
