@@ -23,8 +23,9 @@ use crate::spacing;
 use crate::surface_picture;
 
 const EXAMPLES: &str = "Examples:
-  nearfield simulate dam-break --ply -o out
+  nearfield simulate dam-break --ply --vtp -o out
   nearfield surface out/frame-00020.ply --spacing 0.05 -o water.ply --picture water.png
+  nearfield surface out/frame-00020.vtp --spacing 0.05 -o water.ply
   nearfield surface out/checkpoint.npz --spacing 0.05 -o water.obj
 
 The surface lies half a spacing beyond the outer particles of a fluid at rest. It is closed, manifold and oriented; what it prints

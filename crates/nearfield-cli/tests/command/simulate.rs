@@ -90,10 +90,15 @@ fn scene_files_are_simulated_and_wrong_ones_name_their_line() {
                 [[box]]\nlow = [0, 0, 0]\nhigh = [0.5, 0.5, 1.0]\n[[wall]]\nlow = [0, 0, 0]\nhigh = [1, 1, 1]\n";
     fs::write(folder.path("tank.toml"), text).unwrap();
     let small = "--device cpu --size 240x200";
-    let told = folder.json(&format!("simulate tank.toml --seconds 0.01 {small} --color density --ply --json -o out"));
+    let told =
+        folder.json(&format!("simulate tank.toml --seconds 0.01 {small} --color density --ply --vtp --json -o out"));
     assert_eq!((&told["scene"], &told["particles"], &told["boundary"]), (&"tank".into(), &250.into(), &728.into()));
     assert_eq!(told["step"], 5);
     folder.ok("surface out/frame-00001.ply --spacing 0.1 -o water.ply -q");
+    folder.ok("surface out/frame-00001.vtp --spacing 0.1 -o same.ply -q");
+    assert!(fs::read(folder.path("same.ply")).unwrap() == fs::read(folder.path("water.ply")).unwrap());
+    fs::write(folder.path("cut.vtp"), &fs::read(folder.path("out/frame-00001.vtp")).unwrap()[..2000]).unwrap();
+    folder.fails("surface cut.vtp --spacing 0.1 -o cut.ply", 65, "cut.vtp");
     let surface = folder.json("surface out/checkpoint.npz --spacing 0.1 --json -o water.obj");
     assert_eq!((&surface["closed"], &surface["euler_number"]), (&true.into(), &2.into()));
     assert_eq!(surface["particles"], 250);

@@ -109,6 +109,37 @@ impl<'a> Strided<'a> {
     }
 }
 
+/// Appends the number that `word` stands for, least significant byte first; false if it is none.
+pub(crate) fn push_number(records: &mut Vec<u8>, scalar: Scalar, word: &str) -> bool {
+    macro_rules! push {
+        ($number:ty) => {
+            word.parse::<$number>().map(|number| records.extend_from_slice(&number.to_le_bytes())).is_ok()
+        };
+    }
+    match scalar {
+        Scalar::I8 => push!(i8),
+        Scalar::U8 => push!(u8),
+        Scalar::I16 => push!(i16),
+        Scalar::U16 => push!(u16),
+        Scalar::I32 => push!(i32),
+        Scalar::U32 => push!(u32),
+        Scalar::I64 => push!(i64),
+        Scalar::U64 => push!(u64),
+        Scalar::F32 => push!(f32),
+        Scalar::F64 => push!(f64),
+    }
+}
+
+/// What a word of a text file should be.
+pub(crate) fn expected_number(scalar: Scalar) -> String {
+    let kind = match scalar {
+        Scalar::F32 | Scalar::F64 => "a number",
+        Scalar::U8 | Scalar::U16 | Scalar::U32 | Scalar::U64 => "a whole number from 0",
+        Scalar::I8 | Scalar::I16 | Scalar::I32 | Scalar::I64 => "a whole number",
+    };
+    format!("{kind} of {} bits", 8 * scalar.size())
+}
+
 /// A cloud from its three coordinate columns, all of length `n`.
 pub(crate) fn cloud_from_columns(axes: [Strided<'_>; 3], n: usize) -> PointCloud {
     let mut world = vec![DVec3::ZERO; n];

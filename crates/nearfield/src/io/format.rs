@@ -86,7 +86,7 @@ pub const FORMATS: [FormatInfo; 11] = [
     row(Format::Laz, "LAZ", &["laz"], b"c", "airborne LiDAR, compressed"),
     row(Format::Npy, "NPY", &["npy"], b"c", "NumPy array of shape [n, 3]"),
     row(Format::Npz, "NPZ", &["npz"], b"cC", "NumPy archive of named arrays"),
-    row(Format::Vtp, "VTP", &["vtp"], b"CM", "VTK XML poly data, for ParaView"),
+    row(Format::Vtp, "VTP", &["vtp"], b"cCM", "VTK XML poly data of ParaView: ascii, base64 and raw, not compressed"),
 ];
 
 /// The accepted extensions, as errors list them.

@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::{Format, las, npy, obj, pcd, ply, stl, xyz};
+use super::{Format, las, npy, obj, pcd, ply, stl, vtp, xyz};
 use crate::{Error, PointCloud, Result, TriMesh};
 
 /// What becomes of faces with more than three corners.
@@ -23,8 +23,7 @@ pub enum Polygons {
 /// NaN and infinite coordinates are kept.
 ///
 /// # Errors
-/// `Io`; `File` with path, line or byte; `InvalidSetting` for an unknown extension; `Unsupported` for a format that
-/// is only written.
+/// `Io`; `File` with path, line or byte; `InvalidSetting` for an unknown extension.
 pub fn read_cloud(path: &Path, format: Option<Format>) -> Result<PointCloud> {
     let format = chosen(path, format)?;
     parse_cloud(&contents(path)?, format).map_err(|error| with_path(error, path))
@@ -44,7 +43,7 @@ pub fn read_mesh(path: &Path, format: Option<Format>) -> Result<TriMesh> {
 /// As [`read_cloud`], from the bytes of a file; the error names no path.
 ///
 /// # Errors
-/// `File`; `Unsupported` for a format that is only written.
+/// `File`.
 pub fn parse_cloud(bytes: &[u8], format: Format) -> Result<PointCloud> {
     match format {
         Format::Ply => ply::read_cloud(bytes),
@@ -55,10 +54,7 @@ pub fn parse_cloud(bytes: &[u8], format: Format) -> Result<PointCloud> {
         Format::Pcd => pcd::read(bytes),
         Format::Las | Format::Laz => las::read(bytes),
         Format::Npy | Format::Npz => npy::read(bytes),
-        Format::Vtp => Err(Error::Unsupported {
-            what: format!("reading {format}"),
-            advice: "it is written for other programs; convert to PLY, PCD or NPY first",
-        }),
+        Format::Vtp => vtp::read(bytes),
     }
 }
 
@@ -135,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn points_only_formats_give_no_mesh_and_written_ones_no_cloud() {
+    fn points_only_formats_give_no_mesh() {
         for info in super::super::FORMATS {
             let cloud_refused = matches!(parse_cloud(b"", info.format), Err(Error::Unsupported { .. }));
             let mesh_refused = matches!(parse_mesh(b"", info.format), Err(Error::Unsupported { .. }));

@@ -36,6 +36,9 @@ pub(crate) fn all() -> Vec<Seed> {
         seed("laz", Format::Laz, las(true)),
         seed("npy", Format::Npy, npy()),
         seed("npz", Format::Npz, written_cloud("npz", false)),
+        seed("vtp_raw", Format::Vtp, written_cloud("vtp", false)),
+        seed("vtp_ascii", Format::Vtp, vtp("ascii", "1 0 0.5\n0 1 -2e3\n")),
+        seed("vtp_base64", Format::Vtp, vtp("binary", "GAAAAAAAgD8AAAAAAAAAPwAAAAAAAIA/AAD6xA==")),
     ]
 }
 
@@ -67,6 +70,7 @@ pub(crate) fn dense() -> Vec<Seed> {
     vec![
         seed("dense_ply_ascii", Format::Ply, repeated(ply("ascii", n_lines, "double", ""), b"1 2 3\n")),
         seed("dense_ply_binary", Format::Ply, repeated(ply("binary_little_endian", n_points, "uchar", ""), b"123")),
+        seed("dense_vtp_bytes", Format::Vtp, dense_vtp()),
         seed("dense_ply_empty_lists", Format::Ply, repeated(no_lists, b"\0")),
         seed("dense_ply_one_list", Format::Ply, one_list),
         seed("dense_obj_vertices", Format::Obj, repeated(String::new(), b"v 1 2 3\n")),
@@ -110,6 +114,28 @@ fn written_mesh(extension: &str, ascii: bool) -> Vec<u8> {
     let triangles = (0..N as u32 - 2).map(|i| [i, i + 1, i + 2]).collect();
     let mesh = TriMesh { origin, vertices, triangles, normals, colors };
     written(extension, |path, options| write_mesh(path, &mesh, &WriteOptions { ascii, ..*options }))
+}
+
+/// Points of three bytes each, behind the XML.
+fn dense_vtp() -> Vec<u8> {
+    let n = DENSE_BYTES / 3;
+    let head = format!(
+        "<VTKFile type=\"PolyData\" byte_order=\"LittleEndian\"><PolyData><Piece NumberOfPoints=\"{n}\"><Points>\
+         <DataArray type=\"UInt8\" NumberOfComponents=\"3\" format=\"appended\" offset=\"0\"/></Points></Piece></PolyData>\
+         <AppendedData encoding=\"raw\">_"
+    );
+    [head.into_bytes(), (3 * n as u32).to_le_bytes().to_vec(), vec![7; 3 * n]].concat()
+}
+
+/// Two points in the XML.
+fn vtp(format: &str, numbers: &str) -> Vec<u8> {
+    format!(
+        "<VTKFile type=\"PolyData\" byte_order=\"LittleEndian\">\n<PolyData>\n<Piece NumberOfPoints=\"2\">\n<PointData>\n\
+         <DataArray type=\"Int16\" Name=\"count\" format=\"ascii\">5 -6</DataArray>\n</PointData>\n<Points>\n\
+         <DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"{format}\">{numbers}</DataArray>\n</Points>\n\
+         </Piece>\n</PolyData>\n</VTKFile>\n"
+    )
+    .into_bytes()
 }
 
 fn ply_big_endian() -> Vec<u8> {

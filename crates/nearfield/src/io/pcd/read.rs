@@ -7,7 +7,7 @@ use super::{FORMAT, lzf};
 use crate::Result;
 use crate::error::{FileError, Place};
 use crate::geometry::{Attribute, PointCloud};
-use crate::io::columns::{Scalar, Strided, cloud_from_columns, vectors_from_columns};
+use crate::io::columns::{Scalar, Strided, cloud_from_columns, expected_number, push_number, vectors_from_columns};
 use crate::io::guard;
 
 /// The cloud in a PCD file: positions, normals, colours and all other fields as attributes.
@@ -129,36 +129,6 @@ fn parse_ascii(header: &Header<'_>, body: &[u8]) -> Result<Vec<u8>> {
         );
     }
     Ok(records)
-}
-
-/// Appends the number that `word` stands for; false if it is none.
-fn push_number(records: &mut Vec<u8>, scalar: Scalar, word: &str) -> bool {
-    macro_rules! push {
-        ($number:ty) => {
-            word.parse::<$number>().map(|number| records.extend_from_slice(&number.to_le_bytes())).is_ok()
-        };
-    }
-    match scalar {
-        Scalar::I8 => push!(i8),
-        Scalar::U8 => push!(u8),
-        Scalar::I16 => push!(i16),
-        Scalar::U16 => push!(u16),
-        Scalar::I32 => push!(i32),
-        Scalar::U32 => push!(u32),
-        Scalar::I64 => push!(i64),
-        Scalar::U64 => push!(u64),
-        Scalar::F32 => push!(f32),
-        Scalar::F64 => push!(f64),
-    }
-}
-
-fn expected_number(scalar: Scalar) -> String {
-    let kind = match scalar {
-        Scalar::F32 | Scalar::F64 => "a number",
-        Scalar::U8 | Scalar::U16 | Scalar::U32 | Scalar::U64 => "a whole number from 0",
-        Scalar::I8 | Scalar::I16 | Scalar::I32 | Scalar::I64 => "a whole number",
-    };
-    format!("{kind} of {} bits", 8 * scalar.size())
 }
 
 /// The values of all points, interleaved or field by field.

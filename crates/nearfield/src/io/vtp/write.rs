@@ -1,9 +1,4 @@
-//! VTK XML PolyData (`.vtp`), which ParaView opens: clouds and meshes are written.
-//!
-//! The numbers stand behind the XML as they are in memory ("appended raw"), each array with its size in 64 bits before
-//! it. Positions are f64 world coordinates where the origin is not zero, else f32. Every point of a cloud is a vertex
-//! cell of its own, so that ParaView shows, picks and filters single points. Normals are the array `normals`, colours
-//! `colors` (red, green, blue, alpha), attributes keep their names.
+//! A cloud or a mesh to VTP: arrays as they are in memory, behind the XML ("appended raw"), each with its size in 64 bits before it.
 
 use std::io::{self, Write};
 
