@@ -134,7 +134,22 @@ fn experiments_are_complete(device: DeviceChoice, gpu: Option<&Gpu>) {
     is(measured(&figure_19, "a step, median"), of_all(&["coherent", "uniform-grid", "verlet"]));
     is(measured(&figure_19, "rebuilds"), of_all(&["coherent", "verlet"]));
     let steps = fs::read_to_string(folder.0.join("figure-19-steps.csv")).expect("the file of all steps");
-    assert_eq!(steps.lines().count(), 1 + 3 * devices.len() * 10, "a header, and ten steps of each");
+    let moments = if gpu.is_some() { 8 } else { 0 };
+    assert_eq!(steps.lines().count(), 1 + 3 * devices.len() * 10 + moments, "a header, and ten steps of each");
+    let column = |name: &str| steps.lines().next().and_then(|head| head.split(',').position(|column| column == name));
+    let (step, search) = (column("milliseconds").expect("a column"), column("search_milliseconds").expect("a column"));
+    for line in csv::Reader::from_reader(steps.as_bytes()).records() {
+        let line = line.expect("a line");
+        // Of ten steps all are sampled; shifted sorts make none.
+        assert_eq!(line[step].is_empty(), line[3].starts_with("shifted sort"), "{line:?}");
+        assert!(line[search].parse::<f64>().is_ok_and(|milliseconds| milliseconds > 0.0), "{line:?}");
+    }
+    let mut expected = of_all(&["coherent", "uniform-grid", "verlet"]);
+    expected.extend(gpu.map(|_| "shifted sort, GPU".to_owned()));
+    is(measured(&figure_19, "a search alone, median"), expected);
+    let plot = fs::read_to_string(folder.0.join("figure-19.svg")).expect("the plot");
+    assert!(plot.contains("coherent, CPU, search alone"));
+    assert_eq!(plot.contains("shifted sort, GPU, search alone"), gpu.is_some());
 
     let figure_20 = rows(&folder, "figure-20");
     let names = ["coherent", "aabb-tree", "uniform-grid", "uniform-grid at r_min", "multi-level-grid"];

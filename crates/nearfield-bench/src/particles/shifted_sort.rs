@@ -26,8 +26,30 @@ const MOMENTS: u32 = 8;
 /// Timed searches, and steps of a list that is still good, a moment.
 const REPEATS: usize = 5;
 
+/// What the searches at some moments of a run take and find.
+pub struct Sampled {
+    /// Neighbours that are searched for.
+    pub k: usize,
+    /// The steps of the moments, and the milliseconds of a search at each.
+    pub times: Vec<(u64, f64)>,
+    /// Share of the neighbours that were found.
+    pub recall: f64,
+    /// Neighbours of a particle, itself not counted.
+    pub mean_neighbors: f64,
+    moments: Vec<Moment>,
+}
+
+impl Sampled {
+    /// Milliseconds of a search.
+    pub fn milliseconds(&self) -> f64 {
+        let times: Vec<f64> = self.times.iter().map(|(_, milliseconds)| *milliseconds).collect();
+        median(&times)
+    }
+}
+
 /// Particles at a moment, and what an exact search finds.
 struct Moment {
+    step: u64,
     particles: Particles,
     places: Vec<Vec3>,
     /// Neighbours of all, each itself included.
@@ -36,11 +58,31 @@ struct Moment {
     most: u32,
 }
 
-/// Steps a second with this search, by positions of a run of the coherent search.
+/// Steps a second with this search, by positions of a run of the uniform grid.
 ///
 /// # Errors
-/// `Unsupported` on the CPU and where a particle has too many neighbours; as the simulations.
+/// As [`sample`] and the simulations.
 pub fn measure(lab: &Lab, case: &Case, mut row: Row, seconds: f64) -> Result<Row> {
+    let sampled = sample(lab, case, seconds)?;
+    let rests: Vec<f64> =
+        sampled.moments.iter().map(|moment| rest_of_step(lab, case, &moment.particles)).collect::<Result<_>>()?;
+    let (search_ms, rest_ms) = (sampled.milliseconds(), median(&rests));
+    row.recall = Some(sampled.recall);
+    row.mean_neighbors = Some(sampled.mean_neighbors);
+    row.runs = sampled.times.len();
+    row.note = format!(
+        "k {}; search {search_ms:.3} ms at {} moments and {rest_ms:.3} ms for the rest of a step; all that was found is within reach",
+        sampled.k,
+        sampled.times.len()
+    );
+    Ok(row.value(1e3 / (search_ms + rest_ms)))
+}
+
+/// Searches at some moments of a run of the uniform grid, k being the largest count among them.
+///
+/// # Errors
+/// `Unsupported` on the CPU and where a particle has too many neighbours; a wrong answer; as the simulation.
+pub fn sample(lab: &Lab, case: &Case, seconds: f64) -> Result<Sampled> {
     let Some(gpu) = lab.gpu() else {
         let what = "a timed shifted sort on the CPU".to_owned();
         return Err(nearfield::Error::Unsupported { what, advice: "measure it on a GPU" }.into());
@@ -58,11 +100,10 @@ pub fn measure(lab: &Lab, case: &Case, mut row: Row, seconds: f64) -> Result<Row
         plan: GpuShiftedSort::new(gpu, case.scene.particles.len(), ShiftedSortSettings::new(k))?,
         bounds: Aabb::new(low, high),
     };
-    let (mut searches, mut rests, mut found, mut all) = (Vec::new(), Vec::new(), 0, 0);
+    let (mut times, mut found, mut all) = (Vec::new(), 0, 0);
     for moment in &moments {
         let points = gpu.upload("points", &device_points(&moment.places))?;
-        searches.push(search.milliseconds(&points)?);
-        rests.push(rest_of_step(lab, case, &moment.particles)?);
+        times.push((moment.step, search.milliseconds(&points)?));
         found += search.found_within(&points, reach)?;
         all += moment.total;
     }
@@ -71,15 +112,9 @@ pub fn measure(lab: &Lab, case: &Case, mut row: Row, seconds: f64) -> Result<Row
         return Err(format!("wrong answer: {found} neighbours in all, there are {all}").into());
     }
     let n = case.scene.particles.len() as u64 * moments.len() as u64;
-    let (search_ms, rest_ms) = (median(&searches), median(&rests));
-    row.recall = Some(found.saturating_sub(n) as f64 / all.saturating_sub(n).max(1) as f64);
-    row.mean_neighbors = Some(all.saturating_sub(n) as f64 / n.max(1) as f64);
-    row.runs = moments.len();
-    row.note = format!(
-        "k {k}; search {search_ms:.3} ms at {} moments and {rest_ms:.3} ms for the rest of a step; all that was found is within reach",
-        moments.len()
-    );
-    Ok(row.value(1e3 / (search_ms + rest_ms)))
+    let recall = found.saturating_sub(n) as f64 / all.saturating_sub(n).max(1) as f64;
+    let mean_neighbors = all.saturating_sub(n) as f64 / n.max(1) as f64;
+    Ok(Sampled { k, times, recall, mean_neighbors, moments })
 }
 
 /// Moments of the run, evenly from its first step to its last, or as far as the time leads.
@@ -98,7 +133,7 @@ fn moments(lab: &Lab, case: &Case, reach: f32, seconds: f64) -> Result<Vec<Momen
         let counts = counts.as_slice();
         let total = counts.iter().map(|&count| u64::from(count)).sum();
         let most = counts.iter().copied().max().unwrap_or(0);
-        moments.push(Moment { particles, places, total, most });
+        moments.push(Moment { step: simulation.step(), particles, places, total, most });
     }
     Ok(moments)
 }
@@ -137,7 +172,7 @@ fn rest_of_step(lab: &Lab, case: &Case, particles: &Particles) -> Result<f64> {
     let mut scene = case.scene.clone();
     scene.particles.clone_from(particles);
     let way = Way { search: ParticleSearch::Verlet { skin: ParticleSearch::SKIN }, on_gpu: true };
-    let times = timing::each_step(lab, way, &scene, REPEATS as u32 + 2, f64::INFINITY)?;
+    let times = timing::each_step(lab, way, &scene, (REPEATS as u32 + 2, 0), f64::INFINITY)?;
     // The first step makes the list.
     let good: Vec<f64> = times[1..].iter().filter(|time| time.rebuilds == 0).map(|time| time.milliseconds).collect();
     let any: Vec<f64> = times.iter().map(|time| time.milliseconds).collect();

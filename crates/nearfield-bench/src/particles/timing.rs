@@ -53,15 +53,22 @@ pub struct StepTime {
     pub mean_neighbors: f64,
     /// Trees and lists that were built anew.
     pub rebuilds: u32,
+    /// Milliseconds of a search by itself after it, where one was made.
+    pub search: Option<f64>,
 }
 
 /// A simulation whose kernels are compiled and whose device is awake, at the start of its scene.
-fn warm(lab: &Lab, way: Way, scene: &ParticleScene) -> Result<Box<dyn Simulate>> {
+///
+/// - `searches`: whether searches by themselves will be timed too
+fn warm(lab: &Lab, way: Way, scene: &ParticleScene, searches: bool) -> Result<Box<dyn Simulate>> {
     let mut simulation = way.open(lab, scene, false)?;
     let seconds = if way.on_gpu { lab.effort().warm_up } else { 0.0 };
     let start = Instant::now();
     loop {
         simulation.advance(1, &mut Watch::none())?;
+        if searches {
+            simulation.time_search()?;
+        }
         if start.elapsed().as_secs_f64() >= seconds {
             break;
         }
@@ -77,7 +84,7 @@ fn warm(lab: &Lab, way: Way, scene: &ParticleScene) -> Result<Box<dyn Simulate>>
 /// # Errors
 /// As the simulation.
 pub fn run(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64) -> Result<Timed> {
-    let mut simulation = warm(lab, way, scene)?;
+    let mut simulation = warm(lab, way, scene, false)?;
     let (mut done, mut together, mut rebuilds) = (0, 1, 0);
     let (mut neighbors, mut iterations, mut density_error) = (0.0, 0.0, 0.0);
     let begin = Instant::now();
@@ -148,21 +155,32 @@ pub fn stages(lab: &Lab, way: Way, scene: &ParticleScene) -> Result<Vec<(&'stati
 
 /// Times every step of a run by itself, up to so many and for about so many seconds: the device is waited for after each.
 ///
+/// - `search_every`: after so many steps a search by itself is timed too, from the first on, outside the time of steps; 0 for never
+///
 /// # Errors
 /// As the simulation.
-pub fn each_step(lab: &Lab, way: Way, scene: &ParticleScene, steps: u32, seconds: f64) -> Result<Vec<StepTime>> {
-    let mut simulation = warm(lab, way, scene)?;
+pub fn each_step(
+    lab: &Lab,
+    way: Way,
+    scene: &ParticleScene,
+    (steps, search_every): (u32, u32),
+    seconds: f64,
+) -> Result<Vec<StepTime>> {
+    let mut simulation = warm(lab, way, scene, search_every > 0)?;
     let mut times = Vec::with_capacity(steps as usize);
     let begin = Instant::now();
     while times.len() < steps as usize && (times.is_empty() || begin.elapsed().as_secs_f64() < seconds) {
         let start = Instant::now();
         let reports = simulation.advance(1, &mut Watch::none())?;
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        let is_sampled = search_every > 0 && (times.len() as u32).is_multiple_of(search_every);
+        let search = if is_sampled { Some(1e3 * simulation.time_search()?.seconds) } else { None };
         times.extend(reports.iter().map(|report| StepTime {
             step: report.step,
             milliseconds,
             mean_neighbors: report.mean_neighbors,
             rebuilds: report.rebuilds,
+            search,
         }));
     }
     Ok(times)

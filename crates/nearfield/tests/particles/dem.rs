@@ -37,6 +37,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         trial("scenes_that_cannot_be_simulated_are_errors", wrong_scenes_are_errors),
         trial("searches_are_named_with_their_numbers", searches_have_names),
         trial("a_simulation_goes_on_from_saved_grains", resumes),
+        trial("a_search_by_itself_counts_all_and_changes_nothing", searches_are_timed),
         trial("grains_in_the_plane_stay_there", plane_is_kept),
     ];
     for rule in PairRule::ALL {
@@ -343,6 +344,40 @@ fn searches_have_names() {
             other => panic!("{text}: {other:?}"),
         }
     }
+}
+
+fn searches_are_timed() {
+    let scene = few_grains(500);
+    for search in searches() {
+        let settings = SimulationSettings { search, deterministic: true, ..SimulationSettings::default() };
+        let start = || -> Box<dyn Simulate> { Box::new(Simulation::new(&scene, &settings).unwrap()) };
+        search_is_timed(&start, &scene, &search.to_string());
+    }
+}
+
+/// Compares the pairs of a search by itself with a loop, and a run with such searches with one without.
+pub(crate) fn search_is_timed(start: &dyn Fn() -> Box<dyn Simulate>, scene: &ParticleScene, what: &str) {
+    let (mut plain, mut timed) = (start(), start());
+    timed.time_search().unwrap();
+    for _ in 0..4 {
+        assert_eq!(
+            plain.advance(2, &mut Watch::none()).unwrap(),
+            timed.advance(2, &mut Watch::none()).unwrap(),
+            "{what}"
+        );
+        let found = timed.time_search().unwrap();
+        let (places, reach) = (timed.particles().unwrap().positions, scene.model.largest_reach());
+        let pairs = |factor: f64| -> u64 {
+            let near = |a: DVec3| places.iter().filter(|b| a.distance(**b) <= factor * reach).count() as u64;
+            places.iter().map(|a| near(*a)).sum()
+        };
+        // Lists have a skin of 0.3, all others what rounding needs: 8e-7 in a domain that reaches to 1, for a reach of 0.03.
+        let most = if what.starts_with("verlet") { 1.31 } else { 1.0 + 1e-4 };
+        let (least, most) = (pairs(1.0 - 1e-4), pairs(most));
+        assert!((least..=most).contains(&found.neighbors), "{what}: {} of {least} to {most}", found.neighbors);
+        assert!(found.seconds > 0.0 && least > 2 * places.len() as u64, "{what}: {found:?}");
+    }
+    assert_eq!(plain.particles().unwrap(), timed.particles().unwrap(), "{what}");
 }
 
 fn resumes() {

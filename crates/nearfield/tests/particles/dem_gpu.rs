@@ -9,7 +9,7 @@ use nearfield::application::particles::{
 };
 use nearfield::gpu::Gpu;
 
-use crate::dem::{falling, few_grains, in_the_plane, searches, three_classes};
+use crate::dem::{falling, few_grains, in_the_plane, search_is_timed, searches, three_classes};
 use crate::runs::run;
 use crate::support::gpu_trial;
 
@@ -23,6 +23,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("grains_that_are_too_fast_end_the_simulation_on_the_device", blow_up_is_told),
         gpu_trial("steps_before_a_blow_up_on_the_device_are_reported", finished_steps_are_reported),
         gpu_trial("a_simulation_on_the_device_goes_on_from_saved_grains", resumes),
+        gpu_trial("a_search_by_itself_on_the_device_counts_all_and_changes_nothing", searches_are_timed),
     ];
     for rule in PairRule::ALL {
         let name = format!("every_search_gives_the_same_grains_on_the_device_{}", rule.name());
@@ -167,6 +168,15 @@ fn finished_steps_are_reported(gpu: &Gpu) {
             assert_eq!(simulation.advance(1, &mut Watch::none()).unwrap().len(), 1, "{search}");
         }
         assert!(simulation.advance(1, &mut Watch::none()).is_err() && simulation.take_reports().is_empty());
+    }
+}
+
+fn searches_are_timed(gpu: &Gpu) {
+    let scene = few_grains(500);
+    for search in searches() {
+        let settings = SimulationSettings { search, deterministic: true, ..SimulationSettings::default() };
+        let start = || -> Box<dyn Simulate> { Box::new(GpuSimulation::new(gpu, &scene, &settings).unwrap()) };
+        search_is_timed(&start, &scene, &search.to_string());
     }
 }
 

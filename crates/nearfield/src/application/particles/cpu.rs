@@ -1,5 +1,7 @@
 //! A simulation on the CPU, in double precision.
 
+use std::time::Instant;
+
 use rayon::prelude::*;
 
 use super::dem::CpuDem;
@@ -11,7 +13,7 @@ use super::reach::Reach;
 use super::simulate::{same_order, same_particles};
 use super::state::State;
 use super::wcsph::CpuWcsph;
-use super::{ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
+use super::{ParticleModel, ParticleScene, Particles, SearchTime, Simulate, SimulationSettings, StepReport, TimeStep};
 use crate::application::Watch;
 use crate::geometry::validate::MAX_COORDINATE;
 use crate::{Error, Result};
@@ -171,6 +173,12 @@ impl Simulate for Simulation {
 
     fn take_reports(&mut self) -> Vec<StepReport> {
         std::mem::take(&mut self.reports)
+    }
+
+    fn time_search(&mut self) -> Result<SearchTime> {
+        let start = Instant::now();
+        let neighbors = self.around.count(&self.state.positions, self.state.n_moving())?;
+        Ok(SearchTime { seconds: start.elapsed().as_secs_f64(), neighbors })
     }
 
     fn step(&self) -> u64 {

@@ -14,7 +14,7 @@ use super::pbf::GpuPbf;
 use super::reach::Reach;
 use super::simulate::same_particles;
 use super::wcsph::GpuWcsph;
-use super::{ParticleModel, ParticleScene, Particles, Simulate, SimulationSettings, StepReport, TimeStep};
+use super::{ParticleModel, ParticleScene, Particles, SearchTime, Simulate, SimulationSettings, StepReport, TimeStep};
 use crate::application::Watch;
 use crate::gpu::{Access, Buffer, Gpu, Kernel, Pipeline, Workgroups};
 use crate::query::Stage;
@@ -419,6 +419,19 @@ impl Simulate for GpuSimulation {
 
     fn take_reports(&mut self) -> Vec<StepReport> {
         std::mem::take(&mut self.reports)
+    }
+
+    fn time_search(&mut self) -> Result<SearchTime> {
+        let counts = self.gpu.buffer("neighbors that are only counted", self.state.len())?;
+        let mut recorder = Recorder::new(&self.gpu);
+        let start = Instant::now();
+        self.around.record_count(&mut recorder, &self.state, &counts)?;
+        recorder.submit()?;
+        // One number is there when all are.
+        self.gpu.read_range(&counts, 0..self.state.len().min(1))?;
+        let seconds = start.elapsed().as_secs_f64();
+        let counts = self.gpu.read_range(&counts, 0..self.state.n_moving)?;
+        Ok(SearchTime { seconds, neighbors: counts.into_iter().map(u64::from).sum() })
     }
 
     fn step(&self) -> u64 {

@@ -233,6 +233,22 @@ impl GpuNeighborhood {
         Ok(Searched { structure, radius, radii })
     }
 
+    /// Makes the structure follow the particles and records a count of the neighbours of each, itself among them.
+    ///
+    /// # Errors
+    /// As [`GpuNeighborhood::follow`] and [`GpuNeighborhood::record_visit`].
+    pub(super) fn record_count(
+        &mut self,
+        recorder: &mut Recorder,
+        state: &GpuState,
+        counts: &Buffer<u32>,
+    ) -> Result<()> {
+        self.follow(recorder, state)?;
+        let bindings = [(Access::ReadWrite, counts.into())];
+        let visitor = ParticleVisitor { module: "package::query::count", features: &[], bindings: &bindings };
+        self.record_visit(recorder, &visitor)
+    }
+
     /// Records a visitor over all particles.
     ///
     /// # Errors

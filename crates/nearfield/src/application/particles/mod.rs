@@ -81,7 +81,7 @@ pub use scene::{Dimensions, MOST_CLASSES, ParticleModel, ParticleScene, Particle
 pub use scene_file::{parse_particle_scene, read_particle_scene};
 pub use scenes::{BuiltinOptions, FluidModel, builtin_names, builtin_scene};
 pub use search::{ParticleSearch, SimulationSettings};
-pub use simulate::{Simulate, StepReport};
+pub use simulate::{SearchTime, Simulate, StepReport};
 pub use surface::ParticleSurface;
 pub use wcsph::WcsphSettings;
 #[cfg(feature = "gpu")]

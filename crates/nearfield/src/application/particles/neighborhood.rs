@@ -108,6 +108,12 @@ impl Neighborhood {
         if !self.levels.is_empty() && positions.par_iter().zip(&self.positions).all(is_same) {
             return Ok(());
         }
+        self.update(positions)
+    }
+
+    /// As [`Neighborhood::follow`], also where none has moved.
+    fn update(&mut self, positions: &[DVec3]) -> Result<()> {
+        let middle = self.middle;
         positions.par_iter().map(|p| (*p - middle).as_vec3()).collect_into_vec(&mut self.positions);
         if self.levels.is_empty() {
             self.levels = self.build_levels()?;
@@ -140,6 +146,16 @@ impl Neighborhood {
             self.rebuilds += u64::from(rebuilt);
         }
         Ok(())
+    }
+
+    /// Makes the structures follow the particles and counts the neighbours of the first `n` of them, each itself among its own.
+    ///
+    /// # Errors
+    /// As [`Neighborhood::follow`] and the search.
+    pub(super) fn count(&mut self, positions: &[DVec3], n: usize) -> Result<u64> {
+        self.update(positions)?;
+        let counts: Vec<u64> = self.fold(|_, row, count| count + row.ids.len() as u64)?;
+        Ok(counts[..n].iter().sum())
     }
 
     fn period(&self) -> Result<Period> {

@@ -25,6 +25,14 @@ pub trait Simulate: Send {
     /// out once. Nothing after a call that returned its reports.
     fn take_reports(&mut self) -> Vec<StepReport>;
 
+    /// Finds the neighbours of all particles as a step does, but only counts them, and takes the time: what a step would take without its
+    /// model. The structures that the last step has left are fitted or built anew first, as if the particles had moved. The particles are as
+    /// they were.
+    ///
+    /// # Errors
+    /// As the search of neighbours; on a device `OutOfDeviceMemory`, `DeviceLost`.
+    fn time_search(&mut self) -> Result<SearchTime>;
+
     /// Steps made so far.
     fn step(&self) -> u64;
 
@@ -69,6 +77,16 @@ pub trait Simulate: Send {
         same_order(order, particles.len())?;
         self.resume(particles, step, time)
     }
+}
+
+/// A search of all neighbours by itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SearchTime {
+    /// Seconds it took; a device was waited for.
+    pub seconds: f64,
+    /// Pairs that were found, both ways counted and each particle itself among its own: within the farthest reach of the particle's class,
+    /// and within what rounding makes of it.
+    pub neighbors: u64,
 }
 
 /// What one step did.
