@@ -62,7 +62,7 @@ pub fn scene(particles: usize, spring: f64) -> ParticleScene {
             positions: vec![at + DVec3::new(0.4 * side, 0.1 * side, 0.0)],
             velocities: vec![DVec3::new(-side * speed, 0.0, 0.0) + spin],
             classes: vec![0],
-            densities: Vec::new(),
+            ..Particles::default()
         });
     }
     ParticleScene {

@@ -36,7 +36,7 @@ fn scenes() -> Vec<(String, ParticleScene)> {
         (format!("{name}-{model:?}"), builtin_scene(name, &options).expect("a built-in scene"))
     };
     let mut scenes = vec![of("dem-box", None), of("paper-fig20", None)];
-    scenes.extend([FluidModel::Pbf, FluidModel::Wcsph].map(|model| of("drop", Some(model))));
+    scenes.extend([FluidModel::Pbf, FluidModel::Wcsph, FluidModel::Dfsph].map(|model| of("drop", Some(model))));
     scenes
 }
 
@@ -58,6 +58,8 @@ fn goes_on() {
         let read = Checkpoint::read(&path).expect("the same file");
         std::fs::remove_file(&path).expect("the file");
         assert_eq!(read, saved, "{name}");
+        let is_pressed = read.particles.pressures.iter().any(|pressure| *pressure > 0.0);
+        assert_eq!(is_pressed, scene.model.name() == "dfsph", "{name}");
         // The order of the scene is not that of the simulation, or nothing would be tested.
         assert!(!read.order.is_sorted(), "{name}");
         let mut second = start();
@@ -156,7 +158,10 @@ fn damaged_files() {
     // Steps that are no whole number, an order that is no index, a time that is none.
     let sound = Checkpoint::parse(&bytes).expect("a sound file");
     assert!(Checkpoint::parse(b"PK no archive").is_err());
+    let mut few = sound.clone();
+    few.particles.pressures = vec![0.0; 3];
     for wrong in [
+        few,
         Checkpoint { time: f64::NAN, ..sound.clone() },
         Checkpoint { time: -1.0, ..sound.clone() },
         Checkpoint { order: vec![u32::MAX; sound.order.len()], ..sound.clone() },

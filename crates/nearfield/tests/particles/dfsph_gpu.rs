@@ -24,6 +24,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("dfsph_solvers_on_the_device_end_where_those_of_the_cpu_do", solvers_end),
         gpu_trial("dfsph_by_every_search_on_the_device_is_the_same", searches_agree),
         gpu_trial("dfsph_tanks_settle_on_the_device_as_on_the_cpu", tanks_settle),
+        gpu_trial("dfsph_columns_of_a_hundred_layers_are_held_up_on_the_device", deep_columns),
         gpu_trial("dfsph_momentum_stays_on_the_device", momentum_stays),
         gpu_trial("dfsph_on_the_device_can_be_none_one_or_all_in_one_place", few_and_coincident),
         gpu_trial("dfsph_steps_by_speed_on_the_device_follow_the_rule", steps_by_speed),
@@ -76,6 +77,11 @@ fn device_is_cpu(gpu: &Gpu) {
             assert!(apart <= bound, "{what}: {apart:e} apart");
             assert!(faster <= 2e-6 * pushed / STEP, "{what}: {faster:e} faster");
             assert!(denser <= 2.0 * bound / SPACING, "{what}: {denser:e} denser");
+            // What pressures push: differences of them over a spacing, in a step.
+            let pressed = expected.pressures.iter().copied().fold(0.0, f64::max);
+            let harder = largest(&|i| (found.pressures[i] - expected.pressures[i]).abs() / pressed);
+            println!("{what}: pressures off by {harder:e} of {pressed:e}");
+            assert!(pressed > 0.0 && harder <= 1e-4, "{what}: pressures off by {harder:e} of {pressed:e}");
             assert!(expected_reports[0].density_error[1] > 1e-3, "nothing is compressed: {expected_reports:?}");
             for (found, expected) in reports.iter().zip(&expected_reports) {
                 assert_eq!((found.step, found.iterations), (expected.step, expected.iterations));
@@ -153,6 +159,26 @@ fn tanks_settle(gpu: &Gpu) {
     assert!(measures.mean_position.y < 0.495 * height, "{measures:?}");
 }
 
+fn deep_columns(gpu: &Gpu) {
+    let scene = crate::sph::column();
+    let (settings, steps) = (SimulationSettings { reorder_every: 10, ..Default::default() }, 60);
+    let mut simulation = GpuSimulation::new(gpu, &scene, &settings).unwrap();
+    let reports = simulation.advance(steps, &mut Watch::none()).unwrap();
+    let measures = simulation.measure().unwrap();
+    let (on_cpu, expected_reports) = on_cpu(&scene, &settings, steps);
+    let expected = Measures::of(&scene, &on_cpu);
+    let iterations = |reports: &[StepReport]| reports.iter().map(|report| f64::from(report.iterations)).sum::<f64>();
+    let (made, expected_made) = (iterations(&reports), iterations(&expected_reports));
+    println!("{made} iterations for {expected_made}, {measures:?} for {expected:?}");
+    for (found, expected) in reports.iter().zip(&expected_reports) {
+        assert!(found.density_error[0] <= 2e-4, "{found:?}");
+        assert!((found.time_step / expected.time_step - 1.0).abs() < 0.2, "{found:?} for {expected:?}");
+    }
+    assert!((measures.mean_position.y / expected.mean_position.y - 1.0).abs() < 2e-3, "{measures:?}");
+    assert!((made / expected_made - 1.0).abs() <= 0.2, "{made} iterations for {expected_made}");
+    assert!(measures.max.y > 0.98 && measures.max_compression < 0.02, "{measures:?}");
+}
+
 fn momentum_stays(gpu: &Gpu) {
     let mut scene = incompressible(disturbed(Dimensions::Three, 4));
     (scene.boundary, scene.gravity, scene.domain) = (Vec::new(), DVec3::ZERO, [-0.2 * WIDE, 0.2 * WIDE]);
@@ -201,13 +227,15 @@ fn steps_by_speed(gpu: &Gpu) {
     let settings = SimulationSettings::default();
     let (_, expected) = on_cpu(&scene, &settings, 12);
     let (_, found) = run(gpu, &scene, &settings, 12);
-    let rule = |time: f64| 0.5 * SPACING / ((9.81 * SPACING).sqrt() + 9.81 * time);
+    // Two layers that are three spacings apart.
+    let longest = SPACING / (9.81 * 3.0 * SPACING).sqrt();
+    let rule = |time: f64| 0.5 * (SPACING / ((9.81 * SPACING).sqrt() + 9.81 * time)).min(longest);
     for report in &found {
         let step = rule(report.time - report.time_step);
         assert!((report.time_step / step - 1.0).abs() < 1e-5, "{report:?} for {step}");
         // What the CPU would have done at this speed.
         let speed = 9.81 * (report.time - report.time_step);
-        let on_cpu = SPACING / (speed + (speed * speed + 4.0 * 9.81 * SPACING).sqrt());
+        let on_cpu = (SPACING / (speed + (speed * speed + 4.0 * 9.81 * SPACING).sqrt())).min(0.5 * longest);
         let part = report.time_step / on_cpu;
         assert!((0.8 - 1e-5..1.0 + 1e-5).contains(&part), "{part} of the step on the CPU");
     }

@@ -1,8 +1,11 @@
 //! Smoothed fluids against published experiments, exact solutions and what is conserved; and cases with few particles.
 
+mod columns;
 mod edges;
 mod flows;
 mod scenes;
+
+pub(crate) use columns::column;
 
 use libtest_mimic::Trial;
 use nearfield::application::Watch;
@@ -12,6 +15,7 @@ use nearfield::application::particles::{ParticleScene, Simulate, Simulation, Sim
 pub(crate) fn trials() -> Vec<Trial> {
     let mut trials = edges::trials();
     trials.extend(flows::trials());
+    trials.extend(columns::trials());
     trials
 }
 

@@ -53,8 +53,8 @@ impl Checkpoint {
         simulation.resume_in_order(&self.particles, &self.order, self.step, self.time)
     }
 
-    /// Writes it as NPZ: `positions` and `velocities` (f64, [n, 3]), `classes` (u8), `densities` (f64, where there are any), `order` (u32),
-    /// `step` (u64, `[1]`) and `time` (f64, `[1]`). The file is there whole or as it was before.
+    /// Writes it as NPZ: `positions` and `velocities` (f64, [n, 3]), `classes` (u8), `densities` and `pressures` (f64, where there are any),
+    /// `order` (u32), `step` (u64, `[1]`) and `time` (f64, `[1]`). The file is there whole or as it was before.
     ///
     /// # Errors
     /// `Io` with the path, where the file exists and `force` is not set too.
@@ -68,6 +68,9 @@ impl Checkpoint {
         ];
         if !self.particles.densities.is_empty() {
             arrays.push(("densities", NpyArray::F64(&self.particles.densities)));
+        }
+        if !self.particles.pressures.is_empty() {
+            arrays.push(("pressures", NpyArray::F64(&self.particles.pressures)));
         }
         let last =
             [("order", NpyArray::U32(&self.order)), ("step", NpyArray::U64(&step)), ("time", NpyArray::F64(&time))];
@@ -103,11 +106,13 @@ impl Checkpoint {
         let n = positions.len();
         let classes: Vec<u8> = whole("classes", &needed("classes")?, 255.0)?.into_iter().map(|v| v as u8).collect();
         let densities = read_npz_list(bytes, "densities")?.unwrap_or_default();
+        let pressures = read_npz_list(bytes, "pressures")?.unwrap_or_default();
         let most = (n as f64 - 1.0).max(0.0);
         let order: Vec<u32> = whole("order", &needed("order")?, most)?.into_iter().map(|v| v as u32).collect();
         let lengths = [("velocities", velocities.len()), ("classes", classes.len()), ("order", order.len())];
-        let densities_are = if densities.is_empty() { n } else { densities.len() };
-        let other = lengths.into_iter().chain([("densities", densities_are)]).find(|&(_, length)| length != n);
+        let optional = [("densities", densities.len()), ("pressures", pressures.len())];
+        let optional = optional.into_iter().filter(|&(_, length)| length > 0);
+        let other = lengths.into_iter().chain(optional).find(|&(_, length)| length != n);
         if let Some((name, length)) = other {
             return Err(fault(format!("{length} {name} of {n} particles"), "arrays of one length"));
         }
@@ -120,7 +125,7 @@ impl Checkpoint {
         if !(time.is_finite() && time >= 0.0) {
             return Err(fault(format!("time {time}"), "a finite time, 0 or more"));
         }
-        let particles = Particles { positions, velocities, classes, densities };
+        let particles = Particles { positions, velocities, classes, densities, pressures };
         Ok(Self { particles, order, step, time })
     }
 }

@@ -143,6 +143,11 @@ pub(super) trait GpuModel: Send {
         [f64::INFINITY, 0.0]
     }
 
+    /// The longest stable step, however slow particles are; infinite for models without such a rule.
+    fn longest_step(&self) -> f64 {
+        f64::INFINITY
+    }
+
     /// Iterations of the last step's solvers.
     fn iterations(&self) -> u32 {
         0
@@ -216,7 +221,9 @@ impl GpuSimulation {
         let [length, sound_speed] = model.signals();
         let (factor, least_step, most_step) = match scene.time_step {
             TimeStep::Fixed(step) => (1.0, step, step),
-            TimeStep::Cfl { factor, least, most } => (factor, least, most),
+            TimeStep::Cfl { factor, least, most } => {
+                (factor, least, most.min(factor * model.longest_step()).max(least))
+            }
         };
         let inspection = ParticleInspection {
             n_particles: state.n_moving as u32,
@@ -270,7 +277,8 @@ impl GpuSimulation {
         };
         let [length, sound_speed] = self.model.signals();
         let fastest = particles.velocities.iter().map(|v| v.length()).fold(0.0, f64::max);
-        (factor * length / (sound_speed + fastest)).clamp(least, most) as f32
+        let stable = (length / (sound_speed + fastest)).min(self.model.longest_step());
+        (factor * stable).clamp(least, most) as f32
     }
 
     /// Makes one step and takes the times of its stages, which are those of the device's clock where it has one, without what structures do

@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 
 use super::state::State;
-use super::{Dimensions, ParticleScene, Particles};
+use super::{Dimensions, ParticleModel, ParticleScene, Particles};
 use crate::curve::{Curve, Domain, GpuCurveOrder};
 use crate::geometry::Aabb;
 use crate::geometry::validate::MAX_COORDINATE;
@@ -42,6 +42,8 @@ pub(super) struct GpuState {
     pub(super) velocities: Buffer<[f32; 4]>,
     /// `[n + b]` densities of fluids.
     pub(super) densities: Buffer<f32>,
+    /// `[n]` pressures of incompressible fluids, empty for others.
+    pub(super) pressures: Buffer<f32>,
     /// `[n]` neighbours that acted on each particle in the last step.
     pub(super) neighbors: Buffer<u32>,
     /// `[n]` the index that the caller knows them by.
@@ -50,6 +52,7 @@ pub(super) struct GpuState {
     pub(super) moved_velocities: Buffer<[f32; 4]>,
     moved_positions: Buffer<DevicePoint>,
     moved_densities: Buffer<f32>,
+    moved_pressures: Buffer<f32>,
     moved_ids: Buffer<u32>,
     kept: Kept,
     /// `[n_classes]` of those that move.
@@ -57,6 +60,7 @@ pub(super) struct GpuState {
     /// Particles that move.
     pub(super) n_moving: usize,
     has_densities: bool,
+    has_pressures: bool,
     middle: DVec3,
     reorder: Option<Reorder>,
 }
@@ -66,6 +70,7 @@ struct Kept {
     positions: Buffer<DevicePoint>,
     velocities: Buffer<[f32; 4]>,
     densities: Buffer<f32>,
+    pressures: Buffer<f32>,
 }
 
 /// What it takes to put the particles of each class into the order of a curve.
@@ -76,6 +81,7 @@ struct Reorder {
     blocks: Vec<(Buffer<ParticleBlock>, Buffer<DevicePoint>)>,
     motion: Arc<Pipeline>,
     names: Arc<Pipeline>,
+    pressures: Arc<Pipeline>,
 }
 
 impl GpuState {
@@ -84,25 +90,31 @@ impl GpuState {
         let state = State::new(scene, n_classes);
         let middle = middle_of(scene);
         let (n, n_moving) = (state.positions.len(), state.n_moving());
+        let has_pressures = matches!(scene.model, ParticleModel::Dfsph(_));
+        let n_pressures = if has_pressures { n_moving } else { 0 };
         let buffers = |what| gpu.buffer::<[f32; 4]>(what, n);
         let new = Self {
             positions: buffers("positions")?,
             velocities: buffers("velocities")?,
             densities: gpu.buffer("densities", n)?,
+            pressures: gpu.buffer("pressures", n_pressures)?,
             neighbors: gpu.upload("neighbors of particles", &vec![0; n_moving])?,
             ids: gpu.buffer("indices of particles", n_moving)?,
             moved_velocities: buffers("moved velocities")?,
             moved_positions: buffers("moved positions")?,
             moved_densities: gpu.buffer("moved densities", n)?,
+            moved_pressures: gpu.buffer("moved pressures", n_pressures)?,
             moved_ids: gpu.buffer("moved indices of particles", n_moving)?,
             kept: Kept {
                 positions: buffers("kept positions")?,
                 velocities: buffers("kept velocities")?,
                 densities: gpu.buffer("kept densities", n)?,
+                pressures: gpu.buffer("kept pressures", n_pressures)?,
             },
             classes: state.classes.clone(),
             n_moving,
             has_densities: scene.model.is_fluid(),
+            has_pressures,
             middle,
             reorder: None,
         };
@@ -132,6 +144,13 @@ impl GpuState {
         for buffer in [&self.densities, &self.moved_densities, &self.kept.densities] {
             gpu.write(buffer, 0, &densities)?;
         }
+        if self.has_pressures {
+            let mut pressures = vec![0.0; self.n_moving];
+            pressures.iter_mut().zip(&state.pressures).for_each(|(to, &pressure)| *to = pressure as f32);
+            for buffer in [&self.pressures, &self.moved_pressures, &self.kept.pressures] {
+                gpu.write(buffer, 0, &pressures)?;
+            }
+        }
         gpu.write(&self.ids, 0, &state.ids)?;
         gpu.write(&self.moved_ids, 0, &state.ids)
     }
@@ -158,6 +177,9 @@ impl GpuState {
         if self.has_densities {
             commands.copy(&self.densities, &self.kept.densities);
         }
+        if self.has_pressures {
+            commands.copy(&self.pressures, &self.kept.pressures);
+        }
     }
 
     /// Brings back what was kept.
@@ -166,6 +188,9 @@ impl GpuState {
         commands.copy(&self.kept.positions, &self.positions).copy(&self.kept.velocities, &self.velocities);
         if self.has_densities {
             commands.copy(&self.kept.densities, &self.densities);
+        }
+        if self.has_pressures {
+            commands.copy(&self.kept.pressures, &self.pressures);
         }
         commands.submit()
     }
@@ -205,12 +230,18 @@ impl GpuState {
             ];
             commands.stage("reorder").dispatch(&reorder.motion, &motion, covering());
             commands.dispatch(&reorder.names, &names, covering());
+            if self.has_pressures {
+                let (from, to) = ((&self.pressures).into(), (&self.moved_pressures).into());
+                let pressures = [block.into(), (&reorder.order).into(), from, to];
+                commands.dispatch(&reorder.pressures, &pressures, covering());
+            }
         }
         self.reorder = Some(reorder);
         std::mem::swap(&mut self.positions, &mut self.moved_positions);
         std::mem::swap(&mut self.velocities, &mut self.moved_velocities);
         std::mem::swap(&mut self.ids, &mut self.moved_ids);
         std::mem::swap(&mut self.densities, &mut self.moved_densities);
+        std::mem::swap(&mut self.pressures, &mut self.moved_pressures);
         Ok(())
     }
 
@@ -221,20 +252,21 @@ impl GpuState {
             let block = ParticleBlock { first, count, padding_0: 0, padding_1: 0 };
             Ok((gpu.uniform("block of particles", &block)?, gpu.buffer("particles of a class", class.len())?))
         };
-        let accesses = [Uniform, Read, Read, Read, ReadWrite, ReadWrite];
-        let pipeline = |entry| {
+        let pipeline = |entry, accesses: &[Access]| {
             gpu.pipeline(&Kernel {
                 constants: &[("WORKGROUP", WORKGROUP as f64)],
-                ..Kernel::new("package::application::particles::reorder", entry, &accesses, WORKGROUP)
+                ..Kernel::new("package::application::particles::reorder", entry, accesses, WORKGROUP)
             })
         };
+        let two_arrays = [Uniform, Read, Read, Read, ReadWrite, ReadWrite];
         Ok(Reorder {
             curve: GpuCurveOrder::new(gpu, Curve::Hilbert, largest)?,
             domain: Domain::of_bounds(&relative_domain(scene)),
             order: gpu.buffer("order of particles", largest)?,
             blocks: self.classes.iter().map(block).collect::<Result<_>>()?,
-            motion: pipeline("reorder_motion")?,
-            names: pipeline("reorder_names")?,
+            motion: pipeline("reorder_motion", &two_arrays)?,
+            names: pipeline("reorder_names", &two_arrays)?,
+            pressures: pipeline("reorder_pressures", &[Uniform, Read, Read, ReadWrite])?,
         })
     }
 
@@ -244,8 +276,10 @@ impl GpuState {
         let positions = gpu.read_range(&self.positions, 0..n)?;
         let velocities = gpu.read_range(&self.velocities, 0..n)?;
         let densities = if self.has_densities { gpu.read_range(&self.densities, 0..n)? } else { Vec::new() };
+        let pressures = if self.has_pressures { gpu.read_range(&self.pressures, 0..n)? } else { Vec::new() };
         let mut particles = Particles::at_rest(vec![DVec3::ZERO; n]);
         particles.densities = vec![0.0; densities.len()];
+        particles.pressures = vec![0.0; pressures.len()];
         for (place, id) in gpu.read(&self.ids)?.into_iter().enumerate() {
             let (id, [x, y, z, _], [u, v, w, class]) = (id as usize, positions[place], velocities[place]);
             particles.positions[id] = Vec3::new(x, y, z).as_dvec3() + self.middle;
@@ -253,6 +287,9 @@ impl GpuState {
             particles.classes[id] = class.to_bits() as u8;
             if let Some(&density) = densities.get(place) {
                 particles.densities[id] = density.into();
+            }
+            if let Some(&pressure) = pressures.get(place) {
+                particles.pressures[id] = pressure.into();
             }
         }
         Ok(particles)

@@ -53,6 +53,9 @@ pub struct Particles {
     pub classes: Vec<u8>,
     /// `[n]` densities of a fluid, in its unit; empty for other models and before the first step.
     pub densities: Vec<f64>,
+    /// `[n]` pressures of an incompressible fluid in the last step, 0 or more, as its density times a speed squared; the next step starts from
+    /// them. Empty for other models and before the first step, which then starts from none.
+    pub pressures: Vec<f64>,
 }
 
 /// By which laws particles move.
@@ -98,7 +101,8 @@ impl Particles {
     /// Particles of class 0 at rest.
     pub fn at_rest(positions: Vec<DVec3>) -> Self {
         let n = positions.len();
-        Self { positions, velocities: vec![DVec3::ZERO; n], classes: vec![0; n], densities: Vec::new() }
+        let velocities = vec![DVec3::ZERO; n];
+        Self { positions, velocities, classes: vec![0; n], densities: Vec::new(), pressures: Vec::new() }
     }
 
     /// Number of particles.
@@ -117,6 +121,7 @@ impl Particles {
         self.velocities.extend(other.velocities);
         self.classes.extend(other.classes);
         self.densities.extend(other.densities);
+        self.pressures.extend(other.pressures);
     }
 }
 
@@ -247,6 +252,12 @@ impl ParticleScene {
         }
         if let Some(density) = moving.densities.iter().find(|density| !(**density > 0.0 && density.is_finite())) {
             return invalid("density of a particle", density.to_string(), "a finite number above 0");
+        }
+        if !moving.pressures.is_empty() {
+            same_length("pressures of particles", moving.pressures.len(), n)?;
+        }
+        if let Some(pressure) = moving.pressures.iter().find(|pressure| !(**pressure >= 0.0 && pressure.is_finite())) {
+            return invalid("pressure of a particle", pressure.to_string(), "a finite number, 0 or more");
         }
         if !self.model.is_fluid() && !self.boundary.is_empty() {
             return invalid(

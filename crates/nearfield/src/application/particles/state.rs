@@ -19,6 +19,8 @@ pub(super) struct State {
     pub(super) velocities: Vec<DVec3>,
     /// `[n]` densities of fluids, empty before there are any.
     pub(super) densities: Vec<f64>,
+    /// `[n]` pressures of incompressible fluids, empty before there are any.
+    pub(super) pressures: Vec<f64>,
     /// `[n]` the index that the caller knows them by.
     pub(super) ids: Vec<u32>,
     /// `[n_classes]` of those that move.
@@ -41,8 +43,8 @@ impl State {
         let mut positions = gather(&moving.positions, &ids);
         positions.extend(&scene.boundary);
         let velocities = gather(&moving.velocities, &ids);
-        let densities = if moving.densities.is_empty() { Vec::new() } else { gather(&moving.densities, &ids) };
-        Self { positions, velocities, densities, ids, classes }
+        let (densities, pressures) = (gather_any(&moving.densities, &ids), gather_any(&moving.pressures, &ids));
+        Self { positions, velocities, densities, pressures, ids, classes }
     }
 
     /// Number of particles that move.
@@ -72,9 +74,8 @@ impl State {
         self.positions.extend(boundary);
         self.velocities = gather(&self.velocities, &order);
         self.ids = gather(&self.ids, &order);
-        if !self.densities.is_empty() {
-            self.densities = gather(&self.densities, &order);
-        }
+        self.densities = gather_any(&self.densities, &order);
+        self.pressures = gather_any(&self.pressures, &order);
         Ok(())
     }
 
@@ -85,6 +86,9 @@ impl State {
         if !self.densities.is_empty() {
             particles.densities = vec![0.0; n];
         }
+        if !self.pressures.is_empty() {
+            particles.pressures = vec![0.0; n];
+        }
         for (place, &id) in self.ids.iter().enumerate() {
             let id = id as usize;
             particles.positions[id] = self.positions[place];
@@ -93,6 +97,9 @@ impl State {
             if let Some(density) = self.densities.get(place) {
                 particles.densities[id] = *density;
             }
+            if let Some(pressure) = self.pressures.get(place) {
+                particles.pressures[id] = *pressure;
+            }
         }
         particles
     }
@@ -100,4 +107,9 @@ impl State {
 
 fn gather<T: Copy + Send + Sync>(values: &[T], order: &[u32]) -> Vec<T> {
     order.par_iter().with_min_len(1 << 12).map(|&i| values[i as usize]).collect()
+}
+
+/// As [`gather`], of what not every simulation has.
+fn gather_any(values: &[f64], order: &[u32]) -> Vec<f64> {
+    if values.is_empty() { Vec::new() } else { gather(values, order) }
 }

@@ -122,6 +122,9 @@ fn settings_that_cannot_be_are_errors() {
         narrow.domain = [DVec3::new(0.0, 0.0, 0.0), DVec3::new(0.1, 1.0, 0.0)];
         narrow.particles = Particles::at_rest(lattice([0.0, 0.0], [0.1, 1.0], SPACING));
         is_refused("a period of two spacings", &narrow);
+        let mut drawn = good.clone();
+        drawn.particles.pressures = vec![-1.0; drawn.particles.len()];
+        is_refused("a pressure below 0", &drawn);
         let mut thin = good;
         thin.particles.densities = vec![-1.0; thin.particles.len()];
         is_refused("a density below 0", &thin);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{DfsphSettings, fewest_neighbors};
+use super::{DfsphSettings, fewest_neighbors, longest_step};
 use crate::Result;
 use crate::application::particles::fluid::{Lattice, boundary_masses};
 use crate::application::particles::gpu::{GpuModel, ParticleClock};
@@ -71,15 +71,16 @@ pub(in crate::application::particles) struct GpuDfsph {
     gpu: Gpu,
     settings: DfsphSettings,
     signals: [f64; 2],
+    longest_step: f64,
     fluid: Buffer<DfsphFluid>,
     kernels: Kernels,
     /// `[n + b]` velocities in supports a step, 0 for the boundary; w is the volume in parts of that of a particle.
     moving: Buffer<[f32; 4]>,
     /// `[n + b]` the same after viscosity, where there is any.
     dragged: Buffer<[f32; 4]>,
-    /// `[n]` compression, factor, neighbours and excess.
+    /// `[n]` compression, factor, neighbours and excess; for densities the pressure in place of neighbours.
     packed: Buffer<[f32; 4]>,
-    /// `[n + b]` excess times factor; of the boundary its volume in parts of that of a particle.
+    /// `[n + b]` what pressure pushes next, in supports squared a step squared; of the boundary its volume in parts of that of a particle.
     stiffness: Buffer<f32>,
     /// `[n_parts]` sums and largest of excesses.
     parts: Buffer<[f32; 2]>,
@@ -93,6 +94,7 @@ pub(in crate::application::particles) struct GpuDfsph {
 struct Kernels {
     set_out: Arc<Pipeline>,
     fall: Arc<Pipeline>,
+    take_up: Arc<Pipeline>,
     settle: Arc<Pipeline>,
     sum_excesses: Arc<Pipeline>,
 }
@@ -133,7 +135,8 @@ impl Kernels {
         Ok(Self {
             set_out: kernel("set_out", &[Uniform, Read, Read, Read, ReadWrite, ReadWrite])?,
             fall: kernel("fall", &[Uniform, Read, ReadWrite])?,
-            settle: kernel("settle", &[Uniform, Read, Read, ReadWrite, ReadWrite])?,
+            take_up: kernel("take_up", &[Uniform, Read, Read, ReadWrite, ReadWrite])?,
+            settle: kernel("settle", &[Uniform, Read, Read, ReadWrite, ReadWrite, Read, ReadWrite])?,
             sum_excesses: gpu.pipeline(&sums)?,
         })
     }
@@ -173,6 +176,7 @@ impl GpuDfsph {
         Ok(Self {
             settings: *settings,
             signals: stable_way(settings, scene),
+            longest_step: longest_step(of, scene),
             fluid: gpu.uniform("incompressible fluid", &fluid)?,
             kernels: Kernels::new(gpu)?,
             dragged: gpu.upload("velocities after viscosity", if is_viscous { &moving } else { &[] })?,
@@ -240,9 +244,37 @@ impl GpuDfsph {
         let commands = recorder.commands().stage("excess");
         commands.dispatch(&self.kernels.sum_excesses, &summed, Workgroups::Covering(state.n_moving as u64));
         commands.dispatch(&solver.conclude, &concluded, Workgroups::Count(1));
-        commands.stage("push");
-        let bindings = [(Read, (&self.stiffness).into()), progress(), (ReadWrite, (&self.moving).into())];
+        self.push(recorder, around)
+    }
+
+    /// Records a push by the stiffness there is, unless a solver is done.
+    fn push(&self, recorder: &mut Recorder, around: &GpuNeighborhood) -> Result<()> {
+        recorder.commands().stage("push");
+        let progress = (Read, (&self.progress).into());
+        let bindings = [(Read, (&self.stiffness).into()), progress, (ReadWrite, (&self.moving).into())];
         self.visit(recorder, around, "package::application::particles::dfsph::push", false, &bindings)
+    }
+
+    /// Records a start from the pressures of the last step.
+    fn start(
+        &self,
+        recorder: &mut Recorder,
+        state: &GpuState,
+        around: &GpuNeighborhood,
+        clock: &Buffer<ParticleClock>,
+    ) -> Result<()> {
+        let taken = [
+            (&self.fluid).into(),
+            clock.into(),
+            (&state.pressures).into(),
+            (&self.packed).into(),
+            (&self.stiffness).into(),
+        ];
+        let covering = Workgroups::Covering(state.n_moving as u64);
+        recorder.commands().stage("take up").dispatch(&self.kernels.take_up, &taken, covering);
+        // The solver before is done, and would be idle.
+        recorder.commands().clear(&self.progress);
+        self.push(recorder, around)
     }
 
     /// Lets a solver run until it is done; how it ended is read back. As many iterations as in the last step are submitted at once.
@@ -329,6 +361,7 @@ impl GpuModel for GpuDfsph {
         recorder.commands().stage("set out").dispatch(&self.kernels.set_out, &starts, covering());
         self.divergence.last = self.solve(recorder, state, around, &self.divergence)?;
         self.accelerate(recorder, state, around, clock)?;
+        self.start(recorder, state, around, clock)?;
         self.density.last = self.solve(recorder, state, around, &self.density)?;
         let settled = [
             (&self.fluid).into(),
@@ -336,6 +369,8 @@ impl GpuModel for GpuDfsph {
             (&self.moving).into(),
             (&state.velocities).into(),
             (&state.positions).into(),
+            (&self.packed).into(),
+            (&state.pressures).into(),
         ];
         recorder.commands().stage("settle").dispatch(&self.kernels.settle, &settled, covering());
         self.follow(recorder, state, around)
@@ -351,6 +386,10 @@ impl GpuModel for GpuDfsph {
 
     fn signals(&self) -> [f64; 2] {
         self.signals
+    }
+
+    fn longest_step(&self) -> f64 {
+        self.longest_step
     }
 
     fn iterations(&self) -> u32 {
