@@ -46,6 +46,7 @@ fn dfsph(scene: &mut ParticleScene) -> &mut DfsphSettings {
 }
 
 fn device_is_cpu(gpu: &Gpu) {
+    let mut most_pressed = 0.0;
     for (dimensions, support, smoothing) in [
         (Dimensions::Three, 2.0, SmoothingKernel::CubicSpline),
         (Dimensions::Three, 2.7, SmoothingKernel::Wendland),
@@ -77,11 +78,12 @@ fn device_is_cpu(gpu: &Gpu) {
             assert!(apart <= bound, "{what}: {apart:e} apart");
             assert!(faster <= 2e-6 * pushed / STEP, "{what}: {faster:e} faster");
             assert!(denser <= 2.0 * bound / SPACING, "{what}: {denser:e} denser");
-            // What pressures push: differences of them over a spacing, in a step.
+            // Velocities are off by a millionth, and pressures by as much in parts of what they push, over a spacing or two.
             let pressed = expected.pressures.iter().copied().fold(0.0, f64::max);
-            let harder = largest(&|i| (found.pressures[i] - expected.pressures[i]).abs() / pressed);
+            let harder = largest(&|i| (found.pressures[i] - expected.pressures[i]).abs());
             println!("{what}: pressures off by {harder:e} of {pressed:e}");
-            assert!(pressed > 0.0 && harder <= 1e-4, "{what}: pressures off by {harder:e} of {pressed:e}");
+            assert!(harder <= 1e-4 * pressed, "{what}: pressures off by {harder:e} of {pressed:e}");
+            most_pressed = pressed.max(most_pressed);
             assert!(expected_reports[0].density_error[1] > 1e-3, "nothing is compressed: {expected_reports:?}");
             for (found, expected) in reports.iter().zip(&expected_reports) {
                 assert_eq!((found.step, found.iterations), (expected.step, expected.iterations));
@@ -92,6 +94,7 @@ fn device_is_cpu(gpu: &Gpu) {
             }
         }
     }
+    assert!(most_pressed > 0.0, "nothing is pressed in the last steps");
 }
 
 fn solvers_end(gpu: &Gpu) {

@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{ParticleScene, Particles};
+use super::{ParticleModel, ParticleScene, Particles};
 use crate::Result;
 use crate::curve::{Curve, Domain, order_in};
 use crate::geometry::Aabb;
@@ -43,7 +43,10 @@ impl State {
         let mut positions = gather(&moving.positions, &ids);
         positions.extend(&scene.boundary);
         let velocities = gather(&moving.velocities, &ids);
-        let (densities, pressures) = (gather_any(&moving.densities, &ids), gather_any(&moving.pressures, &ids));
+        let densities = gather_any(&moving.densities, &ids);
+        // Those of another model's particles would stay as they are for ever.
+        let is_pressed = matches!(scene.model, ParticleModel::Dfsph(_));
+        let pressures = if is_pressed { gather_any(&moving.pressures, &ids) } else { Vec::new() };
         Self { positions, velocities, densities, pressures, ids, classes }
     }
 

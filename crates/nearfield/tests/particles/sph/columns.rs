@@ -13,6 +13,8 @@ const LAYERS: u32 = 100;
 const ACROSS: u32 = 8;
 const SPACING: f64 = 0.01;
 const HEIGHT: f64 = LAYERS as f64 * SPACING;
+/// Steps over which a column at rest is looked at.
+const STEPS: u32 = 200;
 
 /// The trials of this file.
 pub(super) fn trials() -> Vec<Trial> {
@@ -38,7 +40,12 @@ fn iterations(reports: &[StepReport]) -> f64 {
 fn columns_are_held_up() {
     let mut simulation = simulation(&column());
     advance_to(&mut simulation, 0.5);
-    let reports = simulation.advance(100, &mut Watch::none()).expect("steps");
+    let (mut reports, mut pressure) = (Vec::new(), 0.0);
+    for _ in 0..STEPS {
+        reports.extend(simulation.advance(1, &mut Watch::none()).expect("a step"));
+        let pressures = simulation.particles().expect("particles").pressures;
+        pressure += pressures.iter().sum::<f64>() / (pressures.len() as f64 * f64::from(STEPS));
+    }
     let measures = simulation.measure().expect("measures");
     let (top, made) = (measures.max.y + 0.5 * SPACING, iterations(&reports));
     let left = reports.iter().map(|report| report.density_error[0]).fold(0.0, f64::max);
@@ -50,12 +57,10 @@ fn columns_are_held_up() {
     assert!(measures.max.x < f64::from(ACROSS) * SPACING, "{}", measures.max);
     // Far below the most that there can be, where the tolerance of 1e-4 would not be reached.
     assert!(left < 2e-4 && made < 60.0, "{made} iterations, {left} left");
-    // Pressures alternate; their mean is that at half the height.
-    let pressures = simulation.particles().expect("particles").pressures;
-    let mean = pressures.iter().sum::<f64>() / pressures.len() as f64;
+    // What rests is carried by pressures whose mean is that at half the height; it is met to some tenth, for particles still move about.
     let expected = 1000.0 * GRAVITY * 0.5 * HEIGHT;
-    println!("mean pressure {mean} for {expected}");
-    assert!((mean / expected - 1.0).abs() < 0.15, "{mean} for {expected}");
+    println!("mean pressure {pressure} for {expected}");
+    assert!((pressure / expected - 1.0).abs() < 0.2, "{pressure} for {expected}");
 }
 
 fn last_pressures_save_iterations() {

@@ -6,8 +6,8 @@
 //!
 //! The solver for densities starts from the pressures p = Σ κ of the last step, which a particle keeps. So it may find them too high: an
 //! iteration changes p by what is too much or too little, but never below 0, and pushes by the change. With every change goes a part of the
-//! one before (Polyak1964). In a column at rest both together take a quarter of the iterations that a start from no pressure takes, and
-//! reach the tolerance, which that does not in a hundred.
+//! one before (Polyak1964). In a column of a hundred layers at rest a step takes 18 iterations; from no pressure it takes 69, and without
+//! momentum too a hundred are not enough. Pressures of neighbours differ by much; their mean is some tenth above the weight they carry.
 //!
 //! Differs: ω is not 1 but what keeps the iteration stable on a lattice with this support (0.7 in the plane with two spacings, less with
 //! more neighbours); of the last pressures nine tenths are begun with, where the fluid is not thin, and p Δt² / ρ of a quarter of a support squared
