@@ -18,6 +18,7 @@ pub mod plots;
 pub mod primitives;
 pub mod provenance;
 pub mod rays;
+pub mod rivals;
 pub mod sets;
 pub mod wlop;
 

@@ -6,7 +6,8 @@ use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
 use nearfield_bench::{
-    Result, applications, baselines, curve, device, everyday, grid, octree, paper, particles, primitives, rays, wlop,
+    Result, applications, baselines, curve, device, everyday, grid, octree, paper, particles, primitives, rays, rivals,
+    wlop,
 };
 
 /// Measure Nearfield on this machine.
@@ -33,6 +34,8 @@ enum Command {
     Particles(particles::Arguments),
     /// The experiments of Accel on its kd-tree, and the speed of rays: a CSV file and plots
     Rays(rays::Arguments),
+    /// Lists and nearest points on the CPU beside kiddo's, by one thread and by all
+    Rivals(rivals::Arguments),
     /// Locally optimal projection: times of all variants, and CGAL's samples beside the library's
     Wlop(wlop::Arguments),
     /// Approximate and other libraries' searches, with recall beside their times
@@ -62,6 +65,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Command::Paper(arguments) => paper::run(&arguments),
         Command::Particles(arguments) => particles::run(&arguments),
         Command::Rays(arguments) => rays::run(&arguments),
+        Command::Rivals(arguments) => rivals::run(&arguments),
         Command::Wlop(arguments) => wlop::run(&arguments),
         Command::Baselines(arguments) => baselines::run(&arguments),
         Command::Everyday(arguments) => everyday::run(&arguments),

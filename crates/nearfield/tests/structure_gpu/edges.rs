@@ -86,7 +86,8 @@ fn nothing_to_search_and_nobody_who_asks<S: Structure>(gpu: &Gpu, build: impl Fn
             let (counts, _) = structure.count_on_device(&question).unwrap();
             assert_eq!(gpu.read(&counts).unwrap(), expected, "{case}");
             let visited = gpu.upload("visited", &vec![0xdead_beefu32; asked]).unwrap();
-            let visitor = Visitor::new(COUNTING, &[(Access::ReadWrite, (&visited).into())]);
+            let bindings = [(Access::ReadWrite, (&visited).into())];
+            let visitor = Visitor::new(COUNTING, &bindings);
             structure.for_each_on_device(&question, &visitor).unwrap();
             assert_eq!(gpu.read(&visited).unwrap(), expected, "{case}");
         }
@@ -103,7 +104,8 @@ fn seventy_thousand_neighbors_are_all_found<S: Structure>(gpu: &Gpu, build: impl
     found.sort_unstable();
     assert!(found.into_iter().eq(0..MANY as u32), "an index is missing or twice there");
     let visited = gpu.upload("visited", &[0xdead_beefu32]).unwrap();
-    let visitor = Visitor::new(COUNTING, &[(Access::ReadWrite, (&visited).into())]);
+    let bindings = [(Access::ReadWrite, (&visited).into())];
+    let visitor = Visitor::new(COUNTING, &bindings);
     structure.for_each_on_device(&question, &visitor).unwrap();
     assert_eq!(gpu.read(&visited).unwrap(), [MANY as u32]);
 }
