@@ -83,7 +83,7 @@ impl Gpu {
     /// # Errors
     /// `KernelRejected` with the compiler's message; `Unsupported` if the workgroup is too large for the device.
     pub fn pipeline(&self, kernel: &Kernel<'_>) -> Result<Arc<Pipeline>> {
-        let from_caller = kernel.fills.iter().any(|(_, fill)| matches!(fill, Fill::Caller(_)));
+        let from_caller = is_from_caller(kernel);
         self.cached(kernel, from_caller)
     }
 
@@ -121,6 +121,17 @@ impl Gpu {
             });
         }
         let source = shader::compose(kernel.module, kernel.fills, kernel.features, false)?;
+        // Nor does it validate how much memory workgroups have; what a caller's code adds to it is not known before.
+        let most = u64::from(self.limits().workgroup_bytes);
+        if is_from_caller(kernel) && workgroup_bytes(&source) > most {
+            return Err(Error::Unsupported {
+                what: format!(
+                    "{} bytes of workgroup memory for {name}, where the device has {most},",
+                    workgroup_bytes(&source)
+                ),
+                advice: "use a smaller State, or a visitor without `combine`",
+            });
+        }
         let device = self.device();
         let compiled = self.checked(&name, 0, || {
             let descriptor =
@@ -163,6 +174,20 @@ impl Gpu {
         })?;
         Ok(Pipeline { raw, groups, name, workgroup_size: kernel.workgroup_size })
     }
+}
+
+fn is_from_caller(kernel: &Kernel<'_>) -> bool {
+    kernel.fills.iter().any(|(_, fill)| matches!(fill, Fill::Caller(_)))
+}
+
+/// Bytes of workgroup memory that a module declares; 0 of one that cannot be read, which is rejected with the reason when it is compiled.
+fn workgroup_bytes(source: &str) -> u64 {
+    use wgpu::naga::{AddressSpace, front::wgsl};
+    let Ok(module) = wgsl::parse_str(source) else { return 0 };
+    let in_workgroup = module.global_variables.iter().filter(|(_, variable)| variable.space == AddressSpace::WorkGroup);
+    let size =
+        |(_, variable): (_, &wgpu::naga::GlobalVariable)| module.types[variable.ty].inner.try_size(module.to_ctx());
+    in_workgroup.filter_map(size).map(u64::from).sum()
 }
 
 fn checks_forced() -> bool {

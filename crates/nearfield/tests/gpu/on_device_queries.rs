@@ -97,6 +97,15 @@ fn wrong_queries_are_errors(gpu: &Gpu) {
     let mut ask = |queries: &DeviceQueries<'_>| grid.record_for_each(&mut commands, queries, &visitor).unwrap_err();
     let bad_radius = ask(&DeviceQueries::new(grid.points(), f32::NAN));
     assert!(matches!(bad_radius, Error::InvalidRadius { .. }), "{bad_radius}");
+    // 128 states of this size fit no workgroup's memory.
+    let source = SUM.replace("{ sum: u32 }", "{ sum: u32, rest: array<u32, 100000> }");
+    let source = source.replace("State(0u)", "State(0u, array<u32, 100000>())");
+    let sums = gpu.upload("sums", &[0u32; 100]).unwrap();
+    let bindings = [(Access::ReadWrite, (&sums).into())];
+    let large = Visitor::combining(&source, &bindings);
+    let refused =
+        grid.record_for_each(&mut gpu.commands("nothing"), &DeviceQueries::new(grid.points(), RADIUS), &large);
+    assert!(matches!(refused, Err(Error::Unsupported { .. })), "{refused:?}");
     let few = gpu.upload("radii", &[0.1f32; 99]).unwrap();
     let short = ask(&DeviceQueries::new(grid.points(), RADIUS).radii(&few));
     assert!(matches!(short, Error::LengthMismatch { found: 99, expected: 100, .. }), "{short}");

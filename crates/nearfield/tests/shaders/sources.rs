@@ -14,7 +14,10 @@ pub(crate) const HIT_VISITOR: &str = "package::structure::hit_visitor";
 pub(crate) const SURFACE: &str = "package::application::distance_field::surface";
 
 /// Condition of traversals that holds for visitors of masks, and only for them.
-pub(crate) const MASKS: &str = "masks";
+pub(crate) /// The kernel that runs visitors, and the condition under which invocations share its queries.
+const QUERY_KERNEL: &str = "package::query::fixed_radius";
+const SHARED: &str = "shared_queries";
+const MASKS: &str = "masks";
 
 /// Conditions of a module of which exactly one holds.
 pub(crate) const EXACTLY_ONE: &[(&str, &[&str])] = &[
@@ -117,11 +120,17 @@ pub(crate) fn combinations(modules: &Modules, closure: &BTreeSet<String>) -> Vec
     let all = (0..1u32 << names.len())
         .map(|bits| names.iter().enumerate().map(|(i, name)| (name.clone(), bits >> i & 1 == 1)).collect::<Vec<_>>());
     let takes_masks = closure.iter().any(|path| source_of(modules, path).contains("fn visit_mask("));
+    // Invocations share queries where states can be combined, and only in the query kernel.
+    let combines = closure.iter().any(|path| source_of(modules, path).contains("fn combine("));
     let allowed = |combination: &Vec<(String, bool)>| {
         let one_of_each = EXACTLY_ONE.iter().filter(|(path, _)| closure.contains(*path)).all(|(_, group)| {
             combination.iter().filter(|(name, on)| *on && group.contains(&name.as_str())).count() == 1
         });
-        one_of_each && combination.iter().all(|(name, on)| name != MASKS || *on == takes_masks)
+        let is_on = |wanted: &str| combination.iter().any(|(name, on)| name == wanted && *on);
+        let can_share = closure.contains(QUERY_KERNEL) && combines && !is_on(MASKS);
+        one_of_each
+            && combination.iter().all(|(name, on)| name != MASKS || *on == takes_masks)
+            && (can_share || !is_on(SHARED))
     };
     all.filter(allowed).collect()
 }

@@ -316,18 +316,21 @@ impl GpuSimulation {
             built.push((rebuilds, simulation.model.iterations(), simulation.model.density_error()));
             Ok(())
         };
-        let recorded = if self.around.can_repeat() && self.model.can_repeat() && n >= PERIOD {
+        let repeats = self.around.can_repeat() && self.model.can_repeat() && n >= PERIOD;
+        let recorded = if repeats {
             n -= n % PERIOD;
-            recorder.submit()?;
-            (0..PERIOD).try_for_each(|_| record(self, recorder))?;
-            recorder.submit_repeated(n / PERIOD)?;
-            built.resize(n as usize, built[0]);
-            Ok(())
+            recorder
+                .submit()
+                .and_then(|()| (0..PERIOD).try_for_each(|_| record(self, recorder)))
+                .and_then(|()| recorder.submit_repeated(n / PERIOD))
         } else {
             (0..n).try_for_each(|_| record(self, recorder))
         };
+        if repeats && recorded.is_ok() {
+            built.resize(n as usize, built[0]);
+        }
         // A structure may have found out before the records are read: particles that are no numbers cannot be searched.
-        recorder.submit()?;
+        let recorded = recorder.submit().and(recorded);
         let records = self.gpu.read(&self.records)?;
         let made = if recorded.is_ok() { n as usize } else { built.len() };
         if let Some(bad) = records[..made].iter().position(|record| record.first_bad < self.state.n_moving as u32) {

@@ -31,14 +31,16 @@ use crate::structure::GpuStructure;
 /// fn finish(state: ptr<function, State>, query: Query) { sums[query.slot] = (*state).sum; }
 /// ```
 ///
-/// Where queries are few, several invocations may share each, if the module also has
+/// Where queries are few, up to eight invocations may share each, if the module also has
 ///
 /// ```wgsl
 /// fn combine(state: ptr<function, State>, other: State) { (*state).sum += other.sum; }
 /// ```
 ///
-/// Each begins with a state of its own and visits some of the neighbours; `finish` gets all states combined. There `false` ends only the part of the
-/// invocation that gives it.
+/// Each begins with a state of its own and visits some of the neighbours; `finish` runs once and gets all states combined, in no particular order
+/// or grouping, so sums of floats depend on the number of queries and on the device. `begin` runs once for each invocation: it must not write, and
+/// what it adds to a sum `combine` has to take off. `false` ends only the part of the invocation that gives it. 128 states stand in the
+/// memory of a workgroup, of which devices have 16 KiB and more: one that does not fit is `Unsupported`.
 ///
 /// `Query` has `position`, `radius`, `radius2`, `id` and `slot`, the place of the query's answer, which is its index;
 /// `Neighbor` has `id`, `dist2` and `difference` (query minus neighbour, to the nearest image).
@@ -68,7 +70,7 @@ impl<'a> Visitor<'a> {
 
 /// Runs visitors. Implemented for every GPU structure.
 pub trait ForEachOnDevice: GpuStructure {
-    /// Runs `visitor` on every neighbour of every query, one invocation a query, and waits for it.
+    /// Runs `visitor` on every neighbour of every query, one invocation a query or a few that share it, and waits for it.
     ///
     /// The question's order, cap and distances do not matter.
     ///

@@ -52,8 +52,8 @@ impl MultiLevelGridBuilder {
     /// As [`MultiLevelLayout::new`]; `OutOfDeviceMemory`, `DeviceLost`.
     pub fn new(gpu: &Gpu, levels: &[(usize, f32)], rule: LevelRule, bounds: &Aabb, order: EntryOrder) -> Result<Self> {
         let layout = MultiLevelLayout::new(levels, rule, bounds)?;
-        let sorter = CellSorter::new(gpu, layout.n_points as usize, layout.table_size() as usize, order)?;
-        let features = [&FEATURES[..], &[("ranked", sorter.ranks_points())]].concat();
+        let sorter = CellSorter::new(gpu, layout.n_points as usize, layout.table_size(), order)?;
+        let features = [&FEATURES[..], &sorter.features()].concat();
         let accesses = [vec![Access::Uniform, Access::Read], sorter.accesses()].concat();
         let kernel = Kernel {
             features: &features,
@@ -108,7 +108,7 @@ impl MultiLevelGridBuilder {
         }
         let bindings: [Bind; 2] = [(&self.layout_buffer).into(), points.into()];
         self.sorter.record_entries(commands, &self.compute_entries, &bindings);
-        let sorted = SortedPoints { points: &grid.points, ids: &grid.ids, starts: &grid.starts };
+        let sorted = SortedPoints { points: &grid.points, ids: &grid.ids, starts: Some(&grid.starts) };
         self.sorter.record(commands, points, &sorted)
     }
 }

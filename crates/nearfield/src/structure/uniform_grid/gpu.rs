@@ -111,21 +111,11 @@ impl GridBuilder {
         order: EntryOrder,
     ) -> Result<Self> {
         settings.validate()?;
-        Self::of_layout(gpu, GridLayout::new(n_points as u32, bounds, settings), settings.period, order)
-    }
-
-    fn of_layout(gpu: &Gpu, layout: GridLayout, period: Period, order: EntryOrder) -> Result<Self> {
-        let sorter = CellSorter::new(gpu, layout.n_points as usize, layout.table_size as usize, order)?;
-        let features = [&features(&layout, period)[..], &[("ranked", sorter.ranks_points())]].concat();
-        let accesses = [vec![Access::Uniform, Access::Read], sorter.accesses()].concat();
-        let kernel = Kernel {
-            features: &features,
-            constants: &[("WORKGROUP", f64::from(WORKGROUP))],
-            ..Kernel::new("package::structure::uniform_grid::build", "compute_entries", &accesses, WORKGROUP)
-        };
+        let (layout, period) = (GridLayout::new(n_points as u32, bounds, settings), settings.period);
+        let sorter = CellSorter::new(gpu, layout.n_points as usize, layout.table_size, order)?;
         Ok(Self {
             layout_buffer: gpu.uniform("grid layout", &layout)?,
-            compute_entries: gpu.pipeline(&kernel)?,
+            compute_entries: compute_entries(gpu, &layout, period, &sorter)?,
             gpu: gpu.clone(),
             layout,
             period,
@@ -192,8 +182,19 @@ impl GridBuilder {
         }
         let bindings: [Bind; 2] = [(&self.layout_buffer).into(), points.into()];
         self.sorter.record_entries(commands, &self.compute_entries, &bindings);
-        self.sorter.record(commands, points, &SortedPoints { points: sorted, ids, starts })
+        self.sorter.record(commands, points, &SortedPoints { points: sorted, ids, starts: Some(starts) })
     }
+}
+
+/// The kernel that finds the entries of points.
+fn compute_entries(gpu: &Gpu, layout: &GridLayout, period: Period, sorter: &CellSorter) -> Result<Arc<Pipeline>> {
+    let features = [&features(layout, period)[..], &sorter.features()].concat();
+    let accesses = [vec![Access::Uniform, Access::Read], sorter.accesses()].concat();
+    gpu.pipeline(&Kernel {
+        features: &features,
+        constants: &[("WORKGROUP", f64::from(WORKGROUP))],
+        ..Kernel::new("package::structure::uniform_grid::build", "compute_entries", &accesses, WORKGROUP)
+    })
 }
 
 fn features(layout: &GridLayout, period: Period) -> [(&'static str, bool); 2] {
@@ -248,8 +249,16 @@ impl GpuStructure for GpuUniformGrid {
     fn upload_queries(&self, queries: &[Vec3]) -> Result<Buffer<DevicePoint>> {
         let input = self.gpu.upload("queries", &device_points(queries, 0))?;
         let layout = GridLayout { n_points: queries.len() as u32, ..self.layout };
-        let sorted = GridBuilder::of_layout(&self.gpu, layout, self.period, EntryOrder::AsGiven)?.build(&input)?;
-        Ok(sorted.points)
+        let layout_buffer = self.gpu.uniform("grid layout of the queries", &layout)?;
+        let sorted = self.gpu.buffer("sorted queries", queries.len())?;
+        let ids = self.gpu.buffer("indices of sorted queries", queries.len())?;
+        let sorter = CellSorter::without_table(&self.gpu, queries.len(), layout.table_size)?;
+        let mut commands = self.gpu.commands("sort queries");
+        let compute = compute_entries(&self.gpu, &layout, self.period, &sorter)?;
+        sorter.record_entries(&mut commands, &compute, &[(&layout_buffer).into(), (&input).into()]);
+        sorter.record(&mut commands, &input, &SortedPoints { points: &sorted, ids: &ids, starts: None })?;
+        commands.submit()?;
+        Ok(sorted)
     }
 
     fn build_stages(&self) -> &[BuildStage] {
