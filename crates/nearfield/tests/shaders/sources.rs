@@ -14,10 +14,11 @@ pub(crate) const HIT_VISITOR: &str = "package::structure::hit_visitor";
 pub(crate) const SURFACE: &str = "package::application::distance_field::surface";
 
 /// Condition of traversals that holds for visitors of masks, and only for them.
-pub(crate) /// The kernel that runs visitors, and the condition under which invocations share its queries.
+pub(crate) const MASKS: &str = "masks";
+
+/// The kernel that runs visitors, and the condition under which invocations share its queries.
 const QUERY_KERNEL: &str = "package::query::fixed_radius";
 const SHARED: &str = "shared_queries";
-const MASKS: &str = "masks";
 
 /// Conditions of a module of which exactly one holds.
 pub(crate) const EXACTLY_ONE: &[(&str, &[&str])] = &[
