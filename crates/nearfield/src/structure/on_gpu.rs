@@ -68,6 +68,14 @@ pub trait GpuStructure: Sync {
         false
     }
 
+    /// Module of the kernel `find_pairs`, which searches the structure's own points two at a time, where it has one that serves for
+    /// this radius: see find_pairs.wesl of the grid. Its bindings in `@group(0)` are its parameters, [`GpuStructure::bindings`] numbered from 1,
+    /// and what it produces.
+    fn pairs_module(&self, radius: f32) -> Option<&'static str> {
+        let _ = radius;
+        None
+    }
+
     /// The most that a traversal of the module does for queries of at most this radius, that lie within `queries` or
     /// are the points themselves. Asked only on devices that end long loops ([`crate::gpu::GpuLimits::loop_rounds`]); there the module's loops must test eight candidates a round
     /// under the feature `short_loops`, and do nothing but test every point under `all_points`.

@@ -9,6 +9,7 @@ mod grid_builds;
 mod loss;
 mod memory;
 mod on_device_queries;
+mod pairs;
 mod plumbing;
 mod ray_trees;
 mod rows;
@@ -106,6 +107,7 @@ fn main() {
     trials.extend(visitors::trials());
     trials.extend(on_device_queries::trials());
     trials.extend(grid_builds::trials());
+    trials.extend(pairs::trials());
     trials.extend(rows::trials());
     trials.extend(trees::trials());
     trials.extend(ray_trees::trials());

@@ -14,7 +14,7 @@ use nearfield::application::{
 };
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
-use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, RayBatch, SearchN, SortBatch, Sweep};
+use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, PairSearch, RayBatch, SearchN, SortBatch, Sweep};
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
 use nearfield::structure::cell_sort::CellSort;
@@ -273,6 +273,7 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ("MultiLevelLayout", layout_of!(MultiLevelLayout { n_points, n_levels, rule, padding, levels })),
         ("Layout", brute_force),
         ("Batch", batch),
+        ("PairSearch", layout_of!(PairSearch { capacity, n_pairs, radius, padding })),
         ("KnnRun", with_single_words(run)),
         ("KnnBatch", with_single_words(knn)),
         ("RayBatch", with_single_words(layout_of!(RayBatch { count, padding }))),

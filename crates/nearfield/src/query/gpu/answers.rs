@@ -5,10 +5,11 @@ use std::time::Instant;
 use super::batch::halving;
 use super::list;
 use super::loops::VisitorRounds;
+use super::pairs::Pairs;
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::Result;
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind, Buffer, StageTime};
+use crate::gpu::{Access, Bind, Buffer, Commands, StageTime};
 use crate::query::{Clock, Counts, FixedRadius, Nearest, NeighborSearch, Neighbors, Report, Stage};
 use crate::structure::{GpuAabbTree, GpuBruteForce, GpuLinearOctree, GpuStructure, GpuUniformGrid};
 
@@ -23,8 +24,41 @@ const COUNT: VisitorCode<'static> = VisitorCode {
 const COUNT_MASKS: VisitorCode<'static> = VisitorCode { features: &[("masks", true)], ..COUNT };
 
 /// The visitor that counts for this structure.
-pub(super) fn counter<S: GpuStructure>(structure: &S) -> &'static VisitorCode<'static> {
+fn counter<S: GpuStructure>(structure: &S) -> &'static VisitorCode<'static> {
     if structure.counts_by_masks() && structure.coherent_tree().is_none() { &COUNT_MASKS } else { &COUNT }
+}
+
+/// Records the counts of these queries by slot: in pairs, which are returned, or one by one.
+///
+/// # Errors
+/// As [`Pairs::of`] and [`visit::record`].
+pub(super) fn record_counts<S: GpuStructure>(
+    commands: &mut Commands,
+    structure: &S,
+    question: &FixedRadius<'_>,
+    queries: &QueryBuffers,
+    counts: &Buffer<u32>,
+) -> Result<Option<Pairs>> {
+    let pairs = Pairs::of(structure, question, queries)?;
+    match &pairs {
+        Some(pairs) => pairs.record_counts(commands, counts)?,
+        None => record_row_lengths(commands, structure, question, queries, counts)?,
+    }
+    Ok(pairs)
+}
+
+/// The same for rows that `fill` is to fill: by the same walk, which rounds each distance alike.
+///
+/// # Errors
+/// As [`visit::record`].
+pub(super) fn record_row_lengths<S: GpuStructure>(
+    commands: &mut Commands,
+    structure: &S,
+    question: &FixedRadius<'_>,
+    queries: &QueryBuffers,
+    counts: &Buffer<u32>,
+) -> Result<()> {
+    visit::record(commands, structure, question, queries, counter(structure), &[counts.into()])
 }
 
 const NEAREST: VisitorCode<'static> = VisitorCode {
@@ -79,7 +113,23 @@ pub(super) fn in_batches<S: GpuStructure>(
     Ok(())
 }
 
-pub(super) fn count<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Counts> {
+/// Number of neighbours of every query, on the host.
+fn count<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Counts> {
+    count_by(structure, question, record_counts)
+}
+
+/// The same for rows that `fill` is to fill.
+pub(super) fn row_lengths<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<Counts> {
+    count_by(structure, question, |commands, structure, question, queries, counts| {
+        record_row_lengths(commands, structure, question, queries, counts).map(|()| None)
+    })
+}
+
+fn count_by<S: GpuStructure>(
+    structure: &S,
+    question: &FixedRadius<'_>,
+    record: impl Fn(&mut Commands, &S, &FixedRadius<'_>, &QueryBuffers, &Buffer<u32>) -> Result<Option<Pairs>>,
+) -> Result<Counts> {
     question.validate(structure.len())?;
     let gpu = structure.gpu();
     let start = Instant::now();
@@ -89,11 +139,14 @@ pub(super) fn count<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) 
         let buffer: Buffer<u32> = gpu.buffer("neighbour counts", queries.len())?;
         let mut commands = gpu.commands("count neighbours");
         commands.stage("query");
-        visit::record(&mut commands, structure, question, queries, counter(structure), &[(&buffer).into()])?;
+        let pairs = record(&mut commands, structure, question, queries, &buffer)?;
         add_stages(report, &commands.run()?);
         let read = Instant::now();
         counts.extend(gpu.read(&buffer)?);
         report.host_stage("read back", read);
+        if let Some(pairs) = pairs {
+            pairs.name_in(report);
+        }
         Ok(())
     })?;
     report.host_stage("total", start);

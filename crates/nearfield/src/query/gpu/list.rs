@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::answers::{add_stages, count};
+use super::answers::{add_stages, row_lengths};
 use super::batch::{halving, windows};
 use super::capped_list::capped_list;
 use super::loops;
@@ -118,7 +118,7 @@ pub(super) fn square_roots(mut dist2: Vec<f32>) -> Vec<f32> {
 /// As [`list_at_once`]: counts all, then fills windows of rows that fit.
 fn list_in_batches<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> Result<(Neighbors, RowOrder)> {
     let gpu = structure.gpu();
-    let counted = count(structure, question)?;
+    let counted = row_lengths(structure, question)?;
     let counts = counted.as_slice();
     let entries = counts.iter().map(|&c| u64::from(c)).sum();
     check_host_memory(structure, question, entries)?;

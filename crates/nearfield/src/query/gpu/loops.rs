@@ -96,6 +96,19 @@ pub(super) fn can_visit<S: GpuStructure>(
     }
 }
 
+/// Whether the device lets the loops of the kernel that searches the structure's points in pairs run to their end, at least those for balls of this radius.
+///
+/// # Errors
+/// `OutOfDeviceMemory`, `OutOfMemory`, `DeviceLost`.
+pub(super) fn can_search_in_pairs<S: GpuStructure>(structure: &S, radius: f32) -> Result<bool> {
+    let Some(limit) = structure.gpu().limits().loop_rounds else { return Ok(true) };
+    // All that a pair touches is within twice the radius of one of the two along each axis.
+    let Effort { candidates, rounds } = structure.most_effort(2.0 * radius, None)?;
+    // A round tests four candidates, and writing rows takes one for each neighbour of either query. Queries apart take two walks.
+    let walk = candidates.saturating_mul(3).saturating_add(rounds.saturating_mul(2));
+    Ok(walk.saturating_mul(2).saturating_add(2) <= u64::from(limit))
+}
+
 /// The first traversal whose rounds fit the limit.
 fn choose(walk: Effort, all: Effort, visitor: VisitorRounds, limit: u32) -> Option<Traversal> {
     // A visitor with loops takes most rounds itself, and its code would stand in the kernel eight times.

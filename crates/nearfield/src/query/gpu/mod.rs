@@ -1,7 +1,7 @@
 //! Fixed-radius queries over any GPU structure: one kernel, filled with the structure's traversal and a visitor.
 //!
 //! `visit` runs a visitor; `answers` are count and nearest; `list` is the list with its batches, `capped_list` that of
-//! the nearest; `on_device` leaves answers there; `row_masks` is the fast way to write rows; `visitor` takes a caller's
+//! the nearest; `on_device` leaves answers there; `row_masks` is the fast way to write rows; `pairs` searches two points at a time; `visitor` takes a caller's
 //! own WGSL, `device_queries` takes queries that are there already; `knn` finds the nearest of a tree and `boxes` what
 //! lies in boxes, `knn_visit` runs visitors on the nearest; `loops` keeps answers exact on devices that end long loops.
 
@@ -18,6 +18,7 @@ mod knn_visit;
 mod list;
 mod loops;
 mod on_device;
+mod pairs;
 mod row_masks;
 mod visit;
 mod visitor;
@@ -34,6 +35,8 @@ pub use knn_boxes::KnnRun;
 pub use knn_octants::KnnBatch;
 pub(crate) use knn_visit::visit_nearest;
 pub use on_device::{GpuNeighborRows, GpuNeighbors, SearchOnDevice};
+#[doc(hidden)]
+pub use pairs::PairSearch;
 #[doc(hidden)]
 pub use visit::Batch;
 pub use visitor::{ForEachOnDevice, Visitor};

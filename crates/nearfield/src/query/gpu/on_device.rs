@@ -1,6 +1,6 @@
 //! Answers that stay on the device.
 
-use super::answers::{add_stages, counter};
+use super::answers::{add_stages, record_counts, record_row_lengths};
 use super::loops::{self, VisitorRounds};
 use super::visit::{self, QueryBuffers, VisitorCode};
 use crate::gpu::shader::Fill;
@@ -120,8 +120,11 @@ pub trait SearchOnDevice: GpuStructure {
         queries.add_stages_to(&mut report);
         let mut commands = self.gpu().commands("count neighbours");
         commands.stage("query");
-        visit::record(&mut commands, self, question, &queries, counter(self), &[(&counts).into()])?;
+        let pairs = record_counts(&mut commands, self, question, &queries, &counts)?;
         add_stages(&mut report, &commands.run()?);
+        if let Some(pairs) = pairs {
+            pairs.name_in(&mut report);
+        }
         Ok((counts, report))
     }
 
@@ -259,7 +262,7 @@ pub(super) fn list_on_device<S: GpuStructure>(
     let longest: Option<Buffer<u32>> = needs_longest.then(|| gpu.buffer("longest row", 1)).transpose()?;
     let mut commands = gpu.commands("count neighbours");
     commands.stage("count");
-    visit::record(&mut commands, structure, question, &queries, counter(structure), &[(&counts).into()])?;
+    record_row_lengths(&mut commands, structure, question, &queries, &counts)?;
     commands.stage("scan");
     GpuScan::new(gpu, n)?.record(&mut commands, &counts, &offsets, n)?;
     let reduce = GpuReduce::new(gpu)?;

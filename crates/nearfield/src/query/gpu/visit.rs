@@ -263,15 +263,18 @@ fn traverse_module<S: GpuStructure>(structure: &S) -> &'static str {
 /// Most invocations that share a query.
 const MOST_SHARERS: u32 = 8;
 
-/// How many invocations should share each of so many queries: a few where one each would leave most of the device idle.
-fn sharers(gpu: &Gpu, n: usize) -> u32 {
-    // Invocations that are at work at the same time: of a large card, of one that shares the host's memory, of a few cores.
-    let at_once: u64 = match gpu.kind() {
+/// Invocations that are at work at the same time: of a large card, of one that shares the host's memory, of a few cores.
+pub(super) fn invocations_at_once(gpu: &Gpu) -> u64 {
+    match gpu.kind() {
         AdapterKind::Discrete | AdapterKind::Other => 1 << 18,
         AdapterKind::Integrated | AdapterKind::Virtual => 1 << 14,
         AdapterKind::Software => 1 << 11,
-    };
-    let fits = |&sharers: &u32| n as u64 * u64::from(sharers) <= at_once;
+    }
+}
+
+/// How many invocations should share each of so many queries: a few where one each would leave most of the device idle.
+fn sharers(gpu: &Gpu, n: usize) -> u32 {
+    let fits = |&sharers: &u32| n as u64 * u64::from(sharers) <= invocations_at_once(gpu);
     std::iter::successors(Some(MOST_SHARERS), |&sharers| (sharers > 1).then_some(sharers / 2)).find(fits).unwrap_or(1)
 }
 

@@ -7,6 +7,11 @@ use super::device;
 use super::{Device, Subject};
 use crate::compare::Verdict;
 
+#[cfg(feature = "gpu")]
+const FIND_PAIRS: &str = "package::structure::uniform_grid::find_pairs";
+#[cfg(feature = "gpu")]
+const FILL_OVERFLOWED: &str = "package::query::fill_overflowed";
+
 /// What an answer was made for: it decides which search and kernels must have run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Asked {
@@ -40,11 +45,13 @@ impl Subject {
             }
             #[cfg(feature = "gpu")]
             Device::Gpu => {
-                let (search, mut kernels) = self.on_gpu(asked);
+                let in_pairs = report.kernels.first().is_some_and(|k| k == FIND_PAIRS);
+                let (search, mut kernels) = if in_pairs { self.in_pairs(asked) } else { self.on_gpu(asked) };
                 // Rows with more words than the masks hold need one kernel more.
-                let overflowed = "package::query::fill_overflowed";
-                if search == "row-masks" && report.kernels.iter().any(|k| k == overflowed) {
-                    kernels.push(overflowed.to_owned());
+                let overflowed =
+                    if in_pairs { format!("{FIND_PAIRS} for long rows") } else { FILL_OVERFLOWED.to_owned() };
+                if search == "row-masks" && report.kernels.contains(&overflowed) {
+                    kernels.push(overflowed);
                 }
                 (report.device == device().name(), search, kernels)
             }
@@ -88,6 +95,18 @@ impl Subject {
     #[cfg(feature = "gpu")]
     fn answered_as(&self, asked: Asked) -> Asked {
         if asked == Asked::Knn && self.structure == "brute-force" { Asked::CappedList } else { asked }
+    }
+
+    /// The same where the points of a grid are searched in pairs, which is for counts and for lists by masks only.
+    #[cfg(feature = "gpu")]
+    fn in_pairs(&self, asked: Asked) -> (&'static str, Vec<String>) {
+        match asked {
+            Asked::Count if self.structure == "uniform-grid" => ("thread-a-pair", vec![FIND_PAIRS.to_owned()]),
+            Asked::List { sorted: false, distances: false } if self.structure == "uniform-grid" => {
+                ("row-masks", vec![FIND_PAIRS.to_owned(), "package::query::expand_pairs".to_owned()])
+            }
+            _ => ("no search in pairs", vec![]),
+        }
     }
 
     /// The search and the kernels that answer on a device.
