@@ -45,7 +45,7 @@ pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
-pub use gpu::{Asked, Batch, HitN, KnnBatch, KnnRun, PairSearch, SearchN};
+pub use gpu::{Asked, Batch, HitN, KNN_SPAN_POINTS, KnnBatch, KnnRun, PairSearch, SearchN};
 #[cfg(feature = "gpu")]
 pub use gpu::{
     DeviceQueries, ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor,

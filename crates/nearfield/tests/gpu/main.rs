@@ -6,6 +6,7 @@
 
 mod coherent;
 mod grid_builds;
+mod knn_packs;
 mod loss;
 mod memory;
 mod on_device_queries;
@@ -110,6 +111,7 @@ fn main() {
     trials.extend(pairs::trials());
     trials.extend(rows::trials());
     trials.extend(trees::trials());
+    trials.extend(knn_packs::trials());
     trials.extend(ray_trees::trials());
     trials.extend(tiny_triangles::trials());
     trials.extend(coherent::trials());

@@ -7,6 +7,7 @@ use nearfield::geometry::distance::{LENGTH_SLACK, PERIOD_SLACK, RADIUS_SLACK, WR
 use nearfield::gpu::SOFTWARE_LOOP_ROUNDS;
 use nearfield::gpu::shader::{MODULES, compose};
 use nearfield::gpu::wgpu::naga;
+use nearfield::query::KNN_SPAN_POINTS;
 use nearfield::structure::aabb_tree::any_dimension;
 
 use crate::variants::parse;
@@ -62,6 +63,13 @@ fn slacks_are_the_same_on_both_sides() {
     for (name, value) in [("RADIUS_SLACK_N", any_dimension::RADIUS_SLACK as f32), ("LENGTH_SLACK_N", length)] {
         assert_eq!(constant(&module, name).map(f32::to_bits), Some(value.to_bits()), "{name}");
     }
+}
+
+#[test]
+fn spans_of_packs_are_the_same_on_both_sides() {
+    let source = MODULES.iter().find(|(module, _)| *module == "package::query::knn_words").unwrap().1;
+    let line = format!("const SPAN_POINTS = {KNN_SPAN_POINTS}u;");
+    assert!(source.contains(&line), "{line}");
 }
 
 #[test]

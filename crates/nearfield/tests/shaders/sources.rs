@@ -23,7 +23,7 @@ const SHARED: &str = "shared_queries";
 /// Conditions of a module of which exactly one holds.
 pub(crate) const EXACTLY_ONE: &[(&str, &[&str])] = &[
     ("package::parallel::reduce", &["sum", "smallest", "largest"]),
-    ("package::query::knn_boxes", &["few", "some", "many", "most"]),
+    ("package::query::knn_run", &["few", "some", "many", "most"]),
     ("package::structure::uniform_grid::find_pairs", &["counts", "keeps_masks", "fills"]),
 ];
 

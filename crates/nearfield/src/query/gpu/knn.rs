@@ -6,7 +6,7 @@ use super::answers::{add_stages, in_batches};
 use super::list;
 use super::visit::QueryBuffers;
 use crate::Result;
-use crate::gpu::{Buffer, Commands, StageTime};
+use crate::gpu::{Buffer, Commands};
 use crate::query::{FixedRadius, Knn, KnnSearch, NearestNeighbors, Report};
 use crate::structure::{GpuAabbTree, GpuBruteForce, GpuLinearOctree, GpuStructure};
 
@@ -37,7 +37,8 @@ pub(super) trait NearestOnDevice: GpuStructure {
     /// Module of the kernel.
     const KERNEL: &'static str;
 
-    /// Records finding the nearest `places` points of these queries, at least one, into rows.
+    /// Records finding the nearest `places` points of these queries, at least one, into rows. Returns the module of the kernel
+    /// that goes before, if one does.
     fn record_nearest(
         &self,
         commands: &mut Commands,
@@ -45,7 +46,7 @@ pub(super) trait NearestOnDevice: GpuStructure {
         queries: &QueryBuffers,
         places: u32,
         rows: &Rows,
-    ) -> Result<()>;
+    ) -> Result<Option<&'static str>>;
 
     /// Checks that the device does not end the kernel's loops before their work is done.
     fn check_loops(&self, question: &Knn<'_>, places: usize) -> Result<()>;
@@ -83,8 +84,7 @@ fn knn_on_device<S: NearestOnDevice>(tree: &S, question: &Knn<'_>) -> Result<Gpu
     let places = question.places(tree.len());
     tree.check_loops(question, places)?;
     let mut report = report(tree);
-    let (rows, times) = find(tree, &within, &QueryBuffers::unpacked(tree, &within)?, places)?;
-    add_stages(&mut report, &times);
+    let rows = find(tree, &within, &QueryBuffers::unpacked(tree, &within)?, places, &mut report)?;
     Ok(GpuNearestNeighbors { places, indices: rows.ids, dist2: rows.dist2, report })
 }
 
@@ -97,8 +97,7 @@ fn knn<S: NearestOnDevice>(tree: &S, question: &Knn<'_>) -> Result<NearestNeighb
     let mut report = report(tree);
     let mut made = NearestNeighbors { k, n_queries, ..NearestNeighbors::default() };
     in_batches(tree, &within, 1, &mut report, |queries, report| {
-        let (rows, times) = find(tree, &within, queries, places)?;
-        add_stages(report, &times);
+        let rows = find(tree, &within, queries, places, report)?;
         let read = Instant::now();
         let (ids, dist2) = (tree.gpu().read(&rows.ids)?, tree.gpu().read(&rows.dist2)?);
         let distances = distances(&ids, dist2);
@@ -129,25 +128,29 @@ pub(super) fn report<S: NearestOnDevice>(tree: &S) -> Report {
     }
 }
 
-/// Rows of `places` neighbours of these queries, and the times of finding them.
+/// Rows of `places` neighbours of these queries; the report gets the times of finding them, and a kernel that went before.
 pub(super) fn find<S: NearestOnDevice>(
     tree: &S,
     within: &FixedRadius<'_>,
     queries: &QueryBuffers,
     places: usize,
-) -> Result<(Rows, Vec<StageTime>)> {
+    report: &mut Report,
+) -> Result<Rows> {
     let (gpu, n) = (tree.gpu(), queries.len());
     let ids = gpu.buffer("nearest indices", n * places)?;
     let dist2 = gpu.buffer("nearest distances", n * places)?;
     let rows = Rows { ids, dist2 };
     if n * places == 0 {
-        return Ok((rows, Vec::new()));
+        return Ok(rows);
     }
     let mut commands = gpu.commands("nearest neighbours");
     commands.stage("query");
-    tree.record_nearest(&mut commands, within, queries, places as u32, &rows)?;
-    let times = commands.run()?;
-    Ok((rows, times))
+    let before = tree.record_nearest(&mut commands, within, queries, places as u32, &rows)?;
+    add_stages(report, &commands.run()?);
+    if let Some(kernel) = before.filter(|&kernel| report.kernels.iter().all(|other| other != kernel)) {
+        report.kernels.insert(0, kernel.to_owned());
+    }
+    Ok(rows)
 }
 
 /// Distances from their squares, infinite in places without a point.

@@ -1,8 +1,10 @@
-//! The nearest points from a tree of boxes on the device: a run of the kernel for each 32 places of a row.
+//! The nearest points from a tree of boxes on the device: packs of queries go through the tree together where they suit
+//! (`knn_packs`), and what they leave, or everything, is searched query by query, a run of the kernel for each 32 places of a row.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::knn::{NearestOnDevice, Rows};
+use super::knn_packs::{LeftQueries, Packs};
 use super::visit::{Dealing, QueryBuffers};
 use crate::gpu::{Access, Bind, Commands, Kernel};
 use crate::query::{FixedRadius, Knn};
@@ -12,11 +14,17 @@ use crate::{Error, Result};
 /// Invocations of a workgroup of the kernel.
 const WORKGROUP: u32 = 64;
 
-/// Places of a row that one run fills at most, and the sizes that the kernel is made for.
-const MOST_PLACES: u32 = 32;
+/// Places of a row that one run fills at most, and the sizes that the kernels are made for.
+pub(super) const MOST_PLACES: u32 = 32;
 const SIZES: [(&str, u32); 4] = [("few", 4), ("some", 8), ("many", 16), ("most", MOST_PLACES)];
 
-/// `KnnRun` in knn_boxes.wesl, byte for byte.
+/// How the kernels use what they have bound from 0 to 7.
+pub(super) const ACCESSES: [Access; 8] = {
+    use Access::{Read, ReadWrite, Uniform};
+    [Uniform, Read, Read, Uniform, Read, Read, ReadWrite, ReadWrite]
+};
+
+/// `KnnRun` in knn_run.wesl, byte for byte.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct KnnRun {
@@ -44,6 +52,76 @@ pub struct KnnRun {
     pub padding: [u32; 2],
 }
 
+/// Rows that are to be filled, and what the kernels that fill them have in common.
+pub(super) struct NearestRun<'a> {
+    pub(super) tree: &'a GpuAabbTree,
+    pub(super) within: &'a FixedRadius<'a>,
+    pub(super) queries: &'a QueryBuffers,
+    /// Places of a row, at least 1.
+    pub(super) places: u32,
+    rows: &'a Rows,
+}
+
+impl NearestRun<'_> {
+    /// Conditions of a kernel that fills the places of rows from `first` on.
+    pub(super) fn features(&self, first: u32) -> Vec<(&'static str, bool)> {
+        let left = (self.places - first).min(MOST_PLACES);
+        let size = SIZES.iter().position(|&(_, size)| left <= size).expect("the largest size should hold a run");
+        let mut features = vec![("periodic", self.tree.settings().period.is_periodic())];
+        features.extend(SIZES.iter().enumerate().map(|(i, &(name, _))| (name, i == size)));
+        features.extend([("fours", self.places.is_multiple_of(4)), ("excludes", self.within.exclude_self)]);
+        features
+    }
+
+    /// What a kernel has bound from 0 to 7.
+    pub(super) fn binds(&self, first: u32, dealing: &Dealing) -> Result<Vec<Bind>> {
+        let (own_radius, radius) = self.within.radius.parameters();
+        let run = KnnRun {
+            count: self.queries.len() as u32,
+            first_id: self.queries.first_id(),
+            exclude_self: u32::from(self.within.exclude_self),
+            own_radius,
+            radius,
+            k: self.places,
+            first,
+            in_parts: dealing.in_parts,
+            level: dealing.level,
+            are_points: u32::from(self.queries.are_points()),
+            padding: [0; 2],
+        };
+        let run = self.tree.gpu().uniform("nearest run", &run)?;
+        let mut binds: Vec<Bind> = vec![(&run).into(), self.queries.points().into(), self.queries.radii().into()];
+        binds.extend(self.tree.bindings().into_iter().map(|(_, bind)| bind));
+        binds.extend([Bind::from(&self.rows.ids), Bind::from(&self.rows.dist2)]);
+        Ok(binds)
+    }
+
+    /// Records a search query by query for the places of rows from `first` on: of all, or of those that packs left.
+    fn record(&self, commands: &mut Commands, first: u32, left: Option<&LeftQueries>) -> Result<()> {
+        // Only those that go together gain from staying within a node.
+        let together = self.tree.rounds_in_step() == 1;
+        let dealing = match left {
+            None if together => Dealing::of(self.tree, self.queries, WORKGROUP),
+            _ => Dealing::fixed(self.queries.len(), WORKGROUP),
+        };
+        let mut features = self.features(first);
+        features.extend([("packed", together), ("listed", left.is_some())]);
+        let mut accesses = ACCESSES.to_vec();
+        let mut binds = self.binds(first, &dealing)?;
+        if let Some(left) = left {
+            accesses.extend([Access::Read; 2]);
+            binds.extend(left.binds());
+        }
+        let kernel = Kernel {
+            features: &features,
+            constants: &[("WORKGROUP", f64::from(dealing.workgroup))],
+            ..Kernel::new(GpuAabbTree::KERNEL, "find_nearest", &accesses, dealing.workgroup)
+        };
+        commands.dispatch(&self.tree.gpu().pipeline(&kernel)?, &binds, dealing.covering());
+        Ok(())
+    }
+}
+
 impl NearestOnDevice for GpuAabbTree {
     const NEAREST: &'static str = "nearest-boxes";
     const KERNEL: &'static str = "package::query::knn_boxes";
@@ -55,53 +133,17 @@ impl NearestOnDevice for GpuAabbTree {
         queries: &QueryBuffers,
         places: u32,
         rows: &Rows,
-    ) -> Result<()> {
-        use Access::{Read, ReadWrite, Uniform};
-        let gpu = self.gpu();
-        let (own_radius, radius) = within.radius.parameters();
-        let mut binds: Vec<Bind> = vec![queries.points().into(), queries.radii().into()];
-        binds.extend(self.bindings().into_iter().map(|(_, bind)| bind));
-        binds.extend([Bind::from(&rows.ids), Bind::from(&rows.dist2)]);
-        // Only those that go together gain from staying within a node.
-        let together = self.rounds_in_step() == 1;
-        let dealing = match together {
-            true => Dealing::of(self, queries, WORKGROUP),
-            false => Dealing::fixed(queries.len(), WORKGROUP),
-        };
-        for first in (0..places).step_by(MOST_PLACES as usize) {
-            let run = KnnRun {
-                count: queries.len() as u32,
-                first_id: queries.first_id(),
-                exclude_self: u32::from(within.exclude_self),
-                own_radius,
-                radius,
-                k: places,
-                first,
-                in_parts: dealing.in_parts,
-                level: dealing.level,
-                are_points: u32::from(queries.are_points()),
-                padding: [0; 2],
-            };
-            let left = (places - first).min(MOST_PLACES);
-            let size = SIZES.iter().position(|&(_, size)| left <= size).expect("the largest size should hold a run");
-            let mut features = vec![("periodic", self.settings().period.is_periodic()), ("packed", together)];
-            features.extend(SIZES.iter().enumerate().map(|(i, &(name, _))| (name, i == size)));
-            features.extend([("fours", places.is_multiple_of(4)), ("excludes", within.exclude_self)]);
-            let kernel = Kernel {
-                features: &features,
-                constants: &[("WORKGROUP", f64::from(dealing.workgroup))],
-                ..Kernel::new(
-                    Self::KERNEL,
-                    "find_nearest",
-                    &[Uniform, Read, Read, Uniform, Read, Read, ReadWrite, ReadWrite],
-                    dealing.workgroup,
-                )
-            };
-            let run = gpu.uniform("nearest run", &run)?;
-            let binds = [&[(&run).into()], &binds[..]].concat();
-            commands.dispatch(&gpu.pipeline(&kernel)?, &binds, dealing.covering());
+    ) -> Result<Option<&'static str>> {
+        let run = NearestRun { tree: self, within, queries, places, rows };
+        if let Some(packs) = Packs::suiting(&run) {
+            let left = packs.record(commands, &run)?;
+            run.record(commands, 0, Some(&left))?;
+            return Ok(Some(Packs::KERNEL));
         }
-        Ok(())
+        for first in (0..places).step_by(MOST_PLACES as usize) {
+            run.record(commands, first, None)?;
+        }
+        Ok(None)
     }
 
     fn check_loops(&self, _: &Knn<'_>, places: usize) -> Result<()> {

@@ -42,8 +42,7 @@ pub(crate) fn visit_nearest(tree: &GpuAabbTree, question: &Knn<'_>, visitor: &Vi
     let mut made = report(tree);
     made.kernels.push(format!("{KERNEL} with {}", visitor.module));
     in_batches(tree, &within, 1, &mut made, |queries: &QueryBuffers, report| {
-        let (rows, times) = find(tree, &within, queries, places)?;
-        add_stages(report, &times);
+        let rows = find(tree, &within, queries, places, report)?;
         let batch = gpu.uniform("batch of nearest", &[queries.len() as u32, queries.first_id(), places as u32, 0])?;
         let binds = [(&batch).into(), queries.points().into(), (&points).into(), (&rows.ids).into()];
         let mut commands = gpu.commands("visit nearest points");

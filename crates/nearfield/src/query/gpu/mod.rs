@@ -14,6 +14,7 @@ mod device_queries;
 mod knn;
 mod knn_boxes;
 mod knn_octants;
+mod knn_packs;
 mod knn_visit;
 mod list;
 mod loops;
@@ -33,6 +34,8 @@ pub use knn::GpuNearestNeighbors;
 pub use knn_boxes::KnnRun;
 #[doc(hidden)]
 pub use knn_octants::KnnBatch;
+#[doc(hidden)]
+pub use knn_packs::KNN_SPAN_POINTS;
 pub(crate) use knn_visit::visit_nearest;
 pub use on_device::{GpuNeighborRows, GpuNeighbors, SearchOnDevice};
 #[doc(hidden)]

@@ -66,6 +66,8 @@ pub(super) struct QueryBuffers {
     first_id: u32,
     /// Whether they are the points of the structure in its order.
     are_points: bool,
+    /// Whether those side by side are near each other.
+    are_near: bool,
     /// Where the structure is searched coherently.
     candidates: Option<Candidates>,
 }
@@ -127,7 +129,8 @@ impl QueryBuffers {
         let find = |tree| Candidates::find(tree, question, asking);
         let candidates = structure.coherent_tree().map(find).transpose()?;
         let packed = candidates.as_ref().and_then(Candidates::queries).cloned();
-        Ok(Self { queries: packed.unwrap_or(queries), radii, first_id, are_points: own, candidates })
+        let are_near = own || packed.is_some();
+        Ok(Self { queries: packed.unwrap_or(queries), radii, first_id, are_points: own, are_near, candidates })
     }
 
     /// Queries that are on the device with their slots; they stay in their order, unless they are searched in packs. Those that are the very
@@ -164,7 +167,7 @@ impl QueryBuffers {
         };
         let radii = radii(structure, question, 0..question.len(structure.len()))?;
         let are_points = matches!(question.queries, Queries::Points);
-        Ok(Self { queries, radii, first_id: 0, are_points, candidates: None })
+        Ok(Self { queries, radii, first_id: 0, are_points, are_near: true, candidates: None })
     }
 
     /// Consecutive queries in the caller's order, with slots from 0 on. The memory is that of the window.
@@ -210,6 +213,11 @@ impl QueryBuffers {
     /// Whether they are the points of the structure in its order.
     pub(super) fn are_points(&self) -> bool {
         self.are_points
+    }
+
+    /// Whether those side by side are near each other: they are the structure's points or were sorted.
+    pub(super) fn are_near(&self) -> bool {
+        self.are_near
     }
 
     /// Number of queries.
