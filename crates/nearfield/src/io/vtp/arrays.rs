@@ -18,6 +18,8 @@ pub(super) struct Numbers<'a> {
     pub(super) components: usize,
     n_points: usize,
     big_endian: bool,
+    /// Characters of base64 that were gone through for them, some twice.
+    pub(super) decoded: usize,
 }
 
 impl Numbers<'_> {
@@ -80,10 +82,14 @@ impl<'a> Document<'a> {
                 "arrays that are not compressed: choose the compressor `None` in ParaView",
             ));
         }
+        let mut decoded = 0;
         let (bytes, big_endian) = match format.as_str() {
             "ascii" => (Cow::Owned(self.from_text(array, &shape)?), false),
-            "binary" => (Cow::Owned(self.from_base64(array.text, self.place_in(array.text), &shape)?), self.big_endian),
-            "appended" => (self.from_appended(array, &shape)?, self.big_endian),
+            "binary" => {
+                let at = self.place_in(array.text);
+                (Cow::Owned(self.from_base64(array.text, at, &shape, &mut decoded)?), self.big_endian)
+            }
+            "appended" => (self.from_appended(array, &shape, &mut decoded)?, self.big_endian),
             _ => {
                 return Err(self.wrong(
                     array,
@@ -93,7 +99,7 @@ impl<'a> Document<'a> {
             }
         };
         let (components, n_points) = (shape.components as usize, shape.n_points as usize);
-        Ok(Numbers { bytes, scalar: shape.scalar, components, n_points, big_endian })
+        Ok(Numbers { bytes, scalar: shape.scalar, components, n_points, big_endian, decoded })
     }
 
     fn shape(&self, array: &Element<'a>) -> Result<Shape> {
@@ -152,7 +158,7 @@ impl<'a> Document<'a> {
     }
 
     /// Numbers behind the XML.
-    fn from_appended(&self, array: &Element<'a>, shape: &Shape) -> Result<Cow<'a, [u8]>> {
+    fn from_appended(&self, array: &Element<'a>, shape: &Shape, decoded: &mut usize) -> Result<Cow<'a, [u8]>> {
         let Some(appended) = self.appended else {
             return Err(self.wrong(array, "no appended data".into(), "the element AppendedData"));
         };
@@ -164,13 +170,13 @@ impl<'a> Document<'a> {
         };
         let (rest, at) = (&appended.bytes[offset..], appended.start + offset);
         if !appended.is_raw {
-            return Ok(Cow::Owned(self.from_base64(rest, at, shape)?));
+            return Ok(Cow::Owned(self.from_base64(rest, at, shape, decoded)?));
         }
         let place = Place::Byte(at as u64);
         let head = rest
             .get(..self.size_width())
             .ok_or_else(|| fault(place, "the end of the file".into(), "the size of an array"))?;
-        self.check_size(head, place, shape)?;
+        self.check_size(head, || place, shape)?;
         let numbers = &rest[self.size_width()..];
         match usize::try_from(shape.bytes()).ok().and_then(|size| numbers.get(..size)) {
             Some(numbers) => Ok(Cow::Borrowed(numbers)),
@@ -181,26 +187,30 @@ impl<'a> Document<'a> {
     /// Numbers in base64, with their size in front.
     ///
     /// - `at`: where the text stands in the file
-    fn from_base64(&self, text: &[u8], at: usize, shape: &Shape) -> Result<Vec<u8>> {
+    /// - `decoded`: how many characters were gone through, to which these are added
+    fn from_base64(&self, text: &[u8], at: usize, shape: &Shape, decoded: &mut usize) -> Result<Vec<u8>> {
+        // Lines are counted from the start of the file: for what is wrong alone.
         let place = |i: usize| line_of(self.bytes, at + i);
-        let decoded = |most: usize| {
-            decode(text, most).map_err(|i| {
+        let mut first = |most: usize| -> Result<Vec<u8>> {
+            let (bytes, end) = decode(text, most).map_err(|i| {
                 let found = text
                     .get(i..)
                     .filter(|rest| !rest.is_empty())
                     .map_or("the end of the data".into(), |rest| shown(&rest[..1]));
                 fault(place(i), found, "base64")
-            })
+            })?;
+            *decoded += end;
+            Ok(bytes)
         };
         let width = self.size_width();
-        let head = decoded(width)?;
+        let head = first(width)?;
         if head.len() < width {
             return Err(fault(place(0), format!("{} bytes in base64", head.len()), "the size of an array"));
         }
-        self.check_size(&head, place(0), shape)?;
+        self.check_size(&head, || place(0), shape)?;
         // Four characters are three bytes: nothing is decoded that cannot be there.
         let size = usize::try_from(shape.bytes()).ok().filter(|&size| size <= text.len());
-        let mut bytes = size.map(|size| decoded(width + size)).transpose()?.unwrap_or_default();
+        let mut bytes = size.map(|size| first(width + size)).transpose()?.unwrap_or_default();
         if Some(bytes.len()) != size.map(|size| width + size) {
             let found = format!("{} bytes in base64", bytes.len().saturating_sub(width));
             return Err(fault(place(0), found, &shape.name()));
@@ -214,13 +224,13 @@ impl<'a> Document<'a> {
         if self.wide_sizes { 8 } else { 4 }
     }
 
-    fn check_size(&self, head: &[u8], place: Place, shape: &Shape) -> Result<()> {
+    fn check_size(&self, head: &[u8], place: impl FnOnce() -> Place, shape: &Shape) -> Result<()> {
         let fold = |size: u64, &byte: &u8| size << 8 | u64::from(byte);
         let size = if self.big_endian { head.iter().fold(0, fold) } else { head.iter().rev().fold(0, fold) };
         if size == shape.bytes() {
             return Ok(());
         }
-        Err(fault(place, format!("an array of {size} bytes"), &shape.name()))
+        Err(fault(place(), format!("an array of {size} bytes"), &shape.name()))
     }
 }
 
@@ -241,11 +251,11 @@ fn scalar(kind: &str) -> Option<Scalar> {
 }
 
 /// The first `most` bytes, or all that are there, of groups of four characters. Any group may end with padding: writers encode sizes alone
-/// or together with the numbers.
+/// or together with the numbers. Returns also where the text behind them begins.
 ///
 /// # Errors
 /// The place of what is no base64, or of the end inside a group.
-fn decode(text: &[u8], most: usize) -> std::result::Result<Vec<u8>, usize> {
+fn decode(text: &[u8], most: usize) -> std::result::Result<(Vec<u8>, usize), usize> {
     let mut bytes = Vec::with_capacity(most.min(text.len() / 4 * 3) + 3);
     let (mut group, mut filled, mut padding) = (0u32, 0, 0);
     for (i, &character) in text.iter().enumerate().filter(|(_, character)| !character.is_ascii_whitespace()) {
@@ -269,9 +279,9 @@ fn decode(text: &[u8], most: usize) -> std::result::Result<Vec<u8>, usize> {
             (group, filled, padding) = (0, 0, 0);
             if bytes.len() >= most {
                 bytes.truncate(most);
-                return Ok(bytes);
+                return Ok((bytes, i + 1));
             }
         }
     }
-    if filled == 0 { Ok(bytes) } else { Err(text.len()) }
+    if filled == 0 { Ok((bytes, text.len())) } else { Err(text.len()) }
 }

@@ -16,6 +16,9 @@ const LONGEST_NAME: usize = 256;
 /// Bytes of numbers for each byte of the file: two characters can be a number of eight bytes. More come from arrays that share their numbers.
 const MOST_SHARED: usize = 4;
 
+/// Characters of base64 that are gone through for each byte of the file: those of an array once for its size, and once for all of it.
+const MOST_DECODED: usize = 2;
+
 /// The cloud in a VTP file: the points of its one piece, normals, colours and all other arrays as attributes.
 ///
 /// NaN and infinite coordinates stay as they are.
@@ -44,7 +47,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<PointCloud> {
     }
     let n = document.n_points as usize;
     let mut cloud = cloud_from_columns([0, 1, 2].map(|axis| places.column(axis)), n);
-    let mut read = places.len();
+    let (mut read, mut decoded) = (places.len(), places.decoded);
     for array in &document.point_data {
         let name = array.tag.value("Name").unwrap_or_default();
         if name.len() > LONGEST_NAME {
@@ -53,7 +56,8 @@ pub(crate) fn read(bytes: &[u8]) -> Result<PointCloud> {
         }
         let numbers = document.numbers(array)?;
         read += numbers.len();
-        if read > MOST_SHARED * bytes.len() {
+        decoded += numbers.decoded;
+        if read > MOST_SHARED * bytes.len() || decoded > MOST_DECODED * bytes.len() {
             return Err(fault(
                 line_of(bytes, array.at),
                 "arrays at one place".into(),

@@ -1,5 +1,7 @@
 //! What is written is read back, and so is what VTK writes; damage is told.
 
+use std::time::{Duration, Instant};
+
 use glam::{DVec3, Vec3};
 
 use super::{read, write_cloud};
@@ -233,6 +235,27 @@ fn compressed_and_shared_numbers_are_refused() {
     );
     let shared = [head.into_bytes(), 1_200_000u32.to_le_bytes().to_vec(), vec![0; 1_200_000]].concat();
     assert!(told(read(&shared)).contains("numbers of their own"));
+}
+
+/// Many arrays of no numbers, all with the size 0 that stands behind the XML.
+fn empty_arrays(blanks_in_xml: usize, blanks_in_data: usize) -> Vec<u8> {
+    let many = "<DataArray type=\"UInt8\" format=\"appended\" offset=\"0\"/>".repeat(60_000);
+    let points = "<DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"appended\" offset=\"0\"/>";
+    let (first, second) = ("\n".repeat(blanks_in_xml), "\n".repeat(blanks_in_data));
+    format!(
+        "<VTKFile type=\"PolyData\"><PolyData>{first}<Piece NumberOfPoints=\"0\"><PointData>{many}</PointData><Points>{points}\
+         </Points></Piece></PolyData><AppendedData encoding=\"base64\">_{second}AAAAAA==</AppendedData></VTKFile>"
+    )
+    .into_bytes()
+}
+
+#[test]
+fn time_does_not_grow_with_arrays_times_bytes() {
+    // Both would be some 10^11 steps.
+    let start = Instant::now();
+    assert_eq!(read(&empty_arrays(1 << 20, 0)).unwrap().attributes.len(), 60_000);
+    assert!(told(read(&empty_arrays(0, 1 << 20))).contains("numbers of their own"));
+    assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
 }
 
 #[test]
