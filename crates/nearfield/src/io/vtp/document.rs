@@ -67,7 +67,8 @@ impl<'a> Document<'a> {
             normals: None,
             appended: None,
         };
-        let (mut scanner, mut open, mut has_piece) = (Scanner::new(bytes), Vec::<&[u8]>::new(), false);
+        let (mut scanner, mut open) = (Scanner::new(bytes), Vec::<&[u8]>::new());
+        let (mut has_root, mut has_piece) = (false, false);
         let mut array: Option<Element<'a>> = None;
         loop {
             let at = scanner.at();
@@ -81,15 +82,19 @@ impl<'a> Document<'a> {
                 }
                 Event::Text(_) => {}
                 Event::Start { tag, is_empty } => {
+                    check_place(tag.name, &open, has_root).map_err(|(found, expected)| wrong(found, expected))?;
                     match tag.name {
-                        b"VTKFile" => document.note_file(tag).map_err(|(found, expected)| wrong(found, expected))?,
+                        b"VTKFile" if open.is_empty() => {
+                            document.note_file(tag).map_err(|(found, expected)| wrong(found, expected))?;
+                            has_root = true;
+                        }
                         b"Piece" if has_piece => return Err(wrong("a second piece".into(), "a file of one piece")),
                         b"Piece" => {
                             let count = tag.value("NumberOfPoints").unwrap_or_default();
                             let number = count.parse().map_err(|_| wrong(shown(count.as_bytes()), "NumberOfPoints"));
                             (document.n_points, has_piece) = (number?, true);
                         }
-                        b"PointData" => document.normals = tag.value("Normals"),
+                        b"PointData" if matches!(open[..], [_, _, b"Piece"]) => document.normals = tag.value("Normals"),
                         b"DataArray" => array = Some(Element { tag, text: &[], at: scanner.at() }),
                         b"AppendedData" => {
                             document.appended = Some(appended(bytes, tag, scanner.at())?);
@@ -100,7 +105,7 @@ impl<'a> Document<'a> {
                     if !is_empty {
                         open.push(tag.name);
                     } else if tag.name == b"DataArray" {
-                        document.keep(array.take(), open.last()).map_err(|(f, e)| wrong(f, e))?;
+                        document.keep(array.take(), &open).map_err(|(f, e)| wrong(f, e))?;
                     }
                 }
                 Event::End(name) => {
@@ -110,7 +115,7 @@ impl<'a> Document<'a> {
                         return Err(wrong(format!("</{}>", text_of(name)), &expected));
                     }
                     if name == b"DataArray" {
-                        document.keep(array.take(), open.last()).map_err(|(f, e)| wrong(f, e))?;
+                        document.keep(array.take(), &open).map_err(|(f, e)| wrong(f, e))?;
                     }
                 }
             }
@@ -131,7 +136,7 @@ impl<'a> Document<'a> {
     fn note_file(&mut self, tag: Tag<'_>) -> std::result::Result<(), (String, &'static str)> {
         let is = |key: &str, usual: &str| tag.value(key).unwrap_or_else(|| usual.to_owned());
         let choices = [
-            ("type", "PolyData", &["PolyData"][..], "a file of type PolyData; convert other types with ParaView"),
+            ("type", "", &["PolyData"][..], "a file of type PolyData; convert other types with ParaView"),
             ("byte_order", "LittleEndian", &["LittleEndian", "BigEndian"], "LittleEndian or BigEndian"),
             ("header_type", "UInt32", &["UInt32", "UInt64"], "UInt32 or UInt64"),
         ];
@@ -148,24 +153,39 @@ impl<'a> Document<'a> {
     }
 
     /// Keeps an array that says something about points.
-    fn keep(
-        &mut self,
-        array: Option<Element<'a>>,
-        parent: Option<&&[u8]>,
-    ) -> std::result::Result<(), (String, &'static str)> {
-        match (parent.copied(), array) {
-            (Some(b"Points"), Some(_)) if self.points.is_some() => {
+    ///
+    /// - `open`: the elements around it, outermost first
+    fn keep(&mut self, array: Option<Element<'a>>, open: &[&[u8]]) -> std::result::Result<(), (String, &'static str)> {
+        let [_, _, b"Piece", parent] = open else { return Ok(()) };
+        match (*parent, array) {
+            (b"Points", Some(_)) if self.points.is_some() => {
                 return Err(("a second array of points".into(), "one"));
             }
-            (Some(b"Points"), array) => self.points = array,
-            (Some(b"PointData"), Some(_)) if self.point_data.len() as u64 == MAX_COLUMNS => {
+            (b"Points", array) => self.points = array,
+            (b"PointData", Some(_)) if self.point_data.len() as u64 == MAX_COLUMNS => {
                 return Err((format!("more than {MAX_COLUMNS} arrays"), "fewer"));
             }
-            (Some(b"PointData"), array) => self.point_data.extend(array),
+            (b"PointData", array) => self.point_data.extend(array),
             _ => {}
         }
         Ok(())
     }
+}
+
+/// Whether an element that says what a file is stands where it can.
+///
+/// - `open`: the elements around it, outermost first
+fn check_place(name: &[u8], open: &[&[u8]], has_root: bool) -> std::result::Result<(), (String, &'static str)> {
+    let expected = match (name, open) {
+        (b"VTKFile", []) if !has_root => return Ok(()),
+        (_, []) => "one <VTKFile> around everything",
+        (b"Piece", [b"VTKFile", b"PolyData"]) | (b"AppendedData", [b"VTKFile"]) => return Ok(()),
+        (b"Piece", _) => "it in the <PolyData> of a <VTKFile>",
+        (b"AppendedData", _) => "it in a <VTKFile>, behind <PolyData>",
+        _ => return Ok(()),
+    };
+    let around = open.last().map_or("nothing".into(), |name| format!("<{}>", text_of(name)));
+    Err((format!("<{}> in {around}", text_of(name)), expected))
 }
 
 /// The numbers behind the tag `AppendedData`, which begin behind an underscore.

@@ -237,6 +237,25 @@ fn compressed_and_shared_numbers_are_refused() {
     assert!(told(read(&shared)).contains("numbers of their own"));
 }
 
+#[test]
+fn elements_stand_where_they_can() {
+    let sound = String::from_utf8(ascii()).unwrap();
+    let behind = String::from_utf8(appended(false, false, false)).unwrap();
+    for (text, from, to, expected) in [
+        (&sound, "VTKFile", "File", "<File> in nothing, expected one <VTKFile>"),
+        (&sound, "</VTKFile>", "</VTKFile><VTKFile type=\"PolyData\"/>", "<VTKFile> in nothing"),
+        (&sound, "<VTKFile type=\"PolyData\"", "<VTKFile", "type"),
+        (&sound, "PolyData>", "Grid>", "<Piece> in <Grid>"),
+        (&sound, "<PolyData>", "", "<Piece> in <VTKFile>"),
+        (&sound, "Points>", "CellData>", "no array in <Points>"),
+        (&behind, "  </PolyData>", "", "<AppendedData> in <PolyData>"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let message = told(read(text.replace(from, to).as_bytes()));
+        assert!(message.contains(expected), "{to}: {expected}: {message}");
+    }
+}
+
 /// Many arrays of no numbers, all with the size 0 that stands behind the XML.
 fn empty_arrays(blanks_in_xml: usize, blanks_in_data: usize) -> Vec<u8> {
     let many = "<DataArray type=\"UInt8\" format=\"appended\" offset=\"0\"/>".repeat(60_000);
