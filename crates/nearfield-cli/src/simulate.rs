@@ -199,7 +199,11 @@ pub(crate) fn run(args: &SimulateArgs, common: &Common) -> Result<(), Failure> {
     let bar = CountBar::start(common, end.total(), end.unit());
     let ended = course.simulate(simulation.as_mut(), &end, &bar);
     drop(bar);
-    course.finish(simulation.as_ref(), &mut notes)?;
+    let finished = course.finish(simulation.as_ref(), &mut notes);
+    let is_whole = match ended {
+        Ok(is_whole) => finished.map(|()| is_whole)?,
+        Err(error) => return Err(failure(error, simulation.step(), finished, &folder)),
+    };
     let told = Told {
         scene: &scene,
         settings: &settings,
@@ -211,19 +215,24 @@ pub(crate) fn run(args: &SimulateArgs, common: &Common) -> Result<(), Failure> {
         video: args.video,
         notes,
     };
-    match ended {
-        Ok(is_whole) => {
-            told.tell(args.json, common)?;
-            let what =
-                || format!("interrupted after step {}; the folder has everything up to there", simulation.step());
-            if is_whole { Ok(()) } else { Err(Failure::Interrupted(what())) }
-        }
-        Err(error @ Error::BlowUp { .. }) => {
-            let (step, kept) = (simulation.step(), folder.checkpoint());
-            Err(Failure::BlowUp(format!("{error} (step {step}, in {})", kept.display())))
-        }
-        Err(error) => Err(Failure::Search(error)),
+    told.tell(args.json, common)?;
+    if is_whole {
+        return Ok(());
     }
+    let step = simulation.step();
+    Err(Failure::Interrupted(format!("interrupted after step {step}; the folder has everything up to there")))
+}
+
+/// What is told of a simulation that could not go on; whether its last state was kept is told too, but does not take the place of why.
+fn failure(error: Error, step: u64, finished: Result<(), Failure>, folder: &Folder) -> Failure {
+    if !matches!(error, Error::BlowUp { .. }) {
+        return Failure::Search(error);
+    }
+    let kept = match finished {
+        Ok(()) => format!("in {}", folder.checkpoint().display()),
+        Err(why) => format!("which could not be kept: {}", why.message().unwrap_or_default()),
+    };
+    Failure::BlowUp(format!("{error} (step {step}, {kept})"))
 }
 
 /// Whether a file is one of a folder.
@@ -306,7 +315,8 @@ impl Course<'_> {
             let reports = match advanced {
                 Ok(reports) => reports,
                 Err(error) => {
-                    self.row_before_failure(simulation)?;
+                    // Why it has ended is told, not why its last row is missing.
+                    let _ = self.row_before_failure(simulation);
                     return Err(error);
                 }
             };
