@@ -248,6 +248,10 @@ fn finished_steps_are_reported() {
     assert_eq!((simulation.step(), simulation.take_reports().len()), (6, 0));
     // Nothing of an earlier call is left.
     assert!(simulation.advance(1, &mut Watch::none()).is_err() && simulation.take_reports().is_empty());
+    simulation.resume(&scene.particles, 0, 0.0).unwrap();
+    assert!(simulation.advance(9, &mut Watch::none()).is_err());
+    simulation.resume(&scene.particles, 0, 0.0).unwrap();
+    assert!(simulation.take_reports().is_empty());
 
     let mut simulation = Simulation::new(&scene, &settings).unwrap();
     let mut third = |progress: Progress| {

@@ -168,6 +168,17 @@ fn finished_steps_are_reported(gpu: &Gpu) {
             assert_eq!(simulation.advance(1, &mut Watch::none()).unwrap().len(), 1, "{search}");
         }
         assert!(simulation.advance(1, &mut Watch::none()).is_err() && simulation.take_reports().is_empty());
+        // Nor is anything left where a simulation begins again, or makes a step that is timed.
+        for is_timed in [false, true] {
+            simulation.resume(&scene.particles, 0, 0.0).unwrap();
+            assert!(simulation.advance(9, &mut Watch::none()).is_err(), "{search}");
+            if is_timed {
+                let _ = simulation.advance_timed();
+            } else {
+                simulation.resume(&scene.particles, 0, 0.0).unwrap();
+            }
+            assert!(simulation.take_reports().is_empty(), "{search}, {is_timed}");
+        }
     }
 }
 

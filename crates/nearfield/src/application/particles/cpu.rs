@@ -211,6 +211,7 @@ impl Simulate for Simulation {
         self.state = State::in_order(&scene, self.state.classes.len(), order.to_vec());
         self.last_good.clone_from(&self.state);
         self.around.forget();
+        self.reports.clear();
         (self.step, self.time) = (step, time);
         Ok(())
     }

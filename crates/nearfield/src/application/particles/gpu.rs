@@ -287,6 +287,7 @@ impl GpuSimulation {
     /// # Errors
     /// As [`Simulate::advance`].
     pub fn advance_timed(&mut self) -> Result<(StepReport, Vec<Stage>)> {
+        self.reports.clear();
         let mut recorder = Recorder::timed(&self.gpu);
         let reports = self.submit(1, &mut recorder)?;
         Ok((reports.first().copied().unwrap_or_default(), recorder.into_times()))
@@ -465,6 +466,7 @@ impl Simulate for GpuSimulation {
         self.state.replace(&self.gpu, &scene)?;
         self.around.forget();
         self.model.forget();
+        self.reports.clear();
         (self.step, self.time, self.time_step) = (step, time, self.first_step(particles));
         Ok(())
     }

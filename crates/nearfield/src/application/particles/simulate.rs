@@ -22,7 +22,7 @@ pub trait Simulate: Send {
     fn advance(&mut self, steps: u32, watch: &mut Watch<'_>) -> Result<Vec<StepReport>>;
 
     /// What the finished steps of the last [`Simulate::advance`] did, where it has failed: from its first up to [`Simulate::step`], handed
-    /// out once. Nothing after a call that returned its reports.
+    /// out once. Nothing after a call that returned its reports, and after [`Simulate::resume`].
     fn take_reports(&mut self) -> Vec<StepReport>;
 
     /// Finds the neighbours of all particles as a step does, but only counts them, and takes the time: what a step would take without its
