@@ -38,6 +38,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         trial("searches_are_named_with_their_numbers", searches_have_names),
         trial("a_simulation_goes_on_from_saved_grains", resumes),
         trial("a_search_by_itself_counts_all_and_changes_nothing", searches_are_timed),
+        trial("a_search_by_itself_counts_by_the_reach_of_classes", classes_are_counted),
         trial("grains_in_the_plane_stay_there", plane_is_kept),
     ];
     for rule in PairRule::ALL {
@@ -375,13 +376,35 @@ pub(crate) fn search_is_timed(start: &dyn Fn() -> Box<dyn Simulate>, scene: &Par
             let near = |a: DVec3| places.iter().filter(|b| a.distance(**b) <= factor * reach).count() as u64;
             places.iter().map(|a| near(*a)).sum()
         };
-        // Lists have a skin of 0.3, all others what rounding needs: 8e-7 in a domain that reaches to 1, for a reach of 0.03.
-        let most = if what.starts_with("verlet") { 1.31 } else { 1.0 + 1e-4 };
-        let (least, most) = (pairs(1.0 - 1e-4), pairs(most));
+        // Rounding needs 8e-7 in a domain that reaches to 1, for a reach of 0.03.
+        let (least, most) = (pairs(1.0 - 1e-4), pairs(1.0 + 1e-4));
         assert!((least..=most).contains(&found.neighbors), "{what}: {} of {least} to {most}", found.neighbors);
         assert!(found.seconds > 0.0 && least > 2 * places.len() as u64, "{what}: {found:?}");
     }
     assert_eq!(plain.particles().unwrap(), timed.particles().unwrap(), "{what}");
+}
+
+fn classes_are_counted() {
+    for rule in PairRule::ALL {
+        let mut scene = three_classes(rule);
+        let particles = scene.particles.clone();
+        let radii = of_grains(&mut scene).radii.clone();
+        let reach = |own: usize, other: usize| rule.reach(radii[own], radii[other]);
+        let farthest = |own: usize, _: usize| (0..radii.len()).map(|other| reach(own, other)).fold(0.0, f64::max);
+        let pairs = |reach: &dyn Fn(usize, usize) -> f64, factor: f64| {
+            let all = || particles.positions.iter().zip(&particles.classes).map(|(p, &class)| (*p, usize::from(class)));
+            let is_near = |a: &(DVec3, usize), b: &(DVec3, usize)| a.0.distance(b.0) <= factor * reach(a.1, b.1);
+            all().map(|a| all().filter(|b| is_near(&a, b)).count() as u64).sum::<u64>()
+        };
+        for search in searches() {
+            let settings = SimulationSettings { search, ..SimulationSettings::default() };
+            let found = Simulation::new(&scene, &settings).unwrap().time_search().unwrap().neighbors;
+            let reach: &dyn Fn(usize, usize) -> f64 =
+                if search == ParticleSearch::MultiLevelGrid { &reach } else { &farthest };
+            let (least, most) = (pairs(reach, 1.0 - 1e-5), pairs(reach, 1.0 + 1e-5));
+            assert!((least..=most).contains(&found), "{search}, {rule}: {found} of {least} to {most}");
+        }
+    }
 }
 
 fn resumes() {

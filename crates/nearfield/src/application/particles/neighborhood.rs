@@ -154,7 +154,12 @@ impl Neighborhood {
     /// As [`Neighborhood::follow`] and the search.
     pub(super) fn count(&mut self, positions: &[DVec3], n: usize) -> Result<u64> {
         self.update(positions)?;
-        let counts: Vec<u64> = self.fold(|_, row, count| count + row.ids.len() as u64)?;
+        let (period, positions) = (self.period()?, self.positions.as_slice());
+        let mut counts = vec![0; positions.len()];
+        for level in &self.levels {
+            let add = |i: usize, row: Row<'_>, count: u64| count + level.count(positions, &period, i, row);
+            counts = level.fold(positions, self.deterministic, counts, &add)?;
+        }
         Ok(counts[..n].iter().sum())
     }
 
@@ -226,6 +231,16 @@ impl Neighborhood {
 }
 
 impl Level {
+    /// Those of a row within the radius of the search: rows of lists hold what is within the skin too.
+    fn count(&self, positions: &[Vec3], period: &Period, i: usize, row: Row<'_>) -> u64 {
+        if !matches!(self.structure, Structure::List { .. }) {
+            return row.ids.len() as u64;
+        }
+        let radius = self.radii.get(i).copied().unwrap_or(self.radius);
+        let is_near = |j: &usize| period.dist2(positions[i], positions[*j]) <= radius * radius;
+        row.iter().filter(is_near).count() as u64
+    }
+
     fn fold<T: Clone + Default + Send + Sync>(
         &self,
         positions: &[Vec3],

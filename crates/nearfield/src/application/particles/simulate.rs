@@ -84,8 +84,10 @@ pub trait Simulate: Send {
 pub struct SearchTime {
     /// Seconds it took; a device was waited for.
     pub seconds: f64,
-    /// Pairs that were found, both ways counted and each particle itself among its own: within the farthest reach of the particle's class,
-    /// and within what rounding makes of it.
+    /// Pairs that were found, both ways counted and each particle itself among its own, within the reach and what rounding makes of it. For
+    /// [`MultiLevelGrid`](super::ParticleSearch::MultiLevelGrid) that is the distance from which the other's class acts on the particle's;
+    /// for all other searches, which know one radius a particle, the farthest from which any class does. What lists hold within their
+    /// skin alone is looked at, but not counted.
     pub neighbors: u64,
 }
 
