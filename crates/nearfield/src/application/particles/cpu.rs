@@ -177,7 +177,9 @@ impl Simulate for Simulation {
 
     fn time_search(&mut self) -> Result<SearchTime> {
         let start = Instant::now();
-        let neighbors = self.around.count(&self.state.positions, self.state.n_moving())?;
+        let counted = self.around.count(&self.state.positions, self.state.n_moving());
+        // The next step does not go on from what was left half done.
+        let neighbors = counted.inspect_err(|_| self.around.forget())?;
         Ok(SearchTime { seconds: start.elapsed().as_secs_f64(), neighbors })
     }
 

@@ -391,6 +391,20 @@ impl GpuSimulation {
         Ok(())
     }
 
+    /// As [`Simulate::time_search`].
+    fn count_neighbors(&mut self) -> Result<SearchTime> {
+        let counts = self.gpu.buffer("neighbors that are only counted", self.state.len())?;
+        let mut recorder = Recorder::new(&self.gpu);
+        let start = Instant::now();
+        self.around.record_count(&mut recorder, &self.state, &counts)?;
+        recorder.submit()?;
+        // One number is there when all are.
+        self.gpu.read_range(&counts, 0..self.state.len().min(1))?;
+        let seconds = start.elapsed().as_secs_f64();
+        let counts = self.gpu.read_range(&counts, 0..self.state.n_moving)?;
+        Ok(SearchTime { seconds, neighbors: counts.into_iter().map(u64::from).sum() })
+    }
+
     /// Brings back the state before the steps of this submission; the error that tells why.
     fn give_up(&mut self, step: usize, record: &ParticleRecord) -> Result<Error> {
         let particle = self.state.id(&self.gpu, record.first_bad)?;
@@ -434,16 +448,11 @@ impl Simulate for GpuSimulation {
     }
 
     fn time_search(&mut self) -> Result<SearchTime> {
-        let counts = self.gpu.buffer("neighbors that are only counted", self.state.len())?;
-        let mut recorder = Recorder::new(&self.gpu);
-        let start = Instant::now();
-        self.around.record_count(&mut recorder, &self.state, &counts)?;
-        recorder.submit()?;
-        // One number is there when all are.
-        self.gpu.read_range(&counts, 0..self.state.len().min(1))?;
-        let seconds = start.elapsed().as_secs_f64();
-        let counts = self.gpu.read_range(&counts, 0..self.state.n_moving)?;
-        Ok(SearchTime { seconds, neighbors: counts.into_iter().map(u64::from).sum() })
+        self.count_neighbors().inspect_err(|_| {
+            // The next step does not go on from what was left half done.
+            self.around.forget();
+            self.model.forget();
+        })
     }
 
     fn step(&self) -> u64 {
