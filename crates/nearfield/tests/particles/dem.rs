@@ -40,6 +40,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         trial("a_search_by_itself_counts_all_and_changes_nothing", searches_are_timed),
         trial("a_search_by_itself_counts_by_the_reach_of_classes", classes_are_counted),
         trial("grains_in_the_plane_stay_there", plane_is_kept),
+        trial("a_grain_shot_at_a_wall_stays_in_the_domain", shot_grain_stays),
     ];
     for rule in PairRule::ALL {
         let name = format!("every_search_gives_the_same_grains_{}", rule.name());
@@ -403,6 +404,26 @@ fn classes_are_counted() {
                 if search == ParticleSearch::MultiLevelGrid { &reach } else { &farthest };
             let (least, most) = (pairs(reach, 1.0 - 1e-5), pairs(reach, 1.0 + 1e-5));
             assert!((least..=most).contains(&found), "{search}, {rule}: {found} of {least} to {most}");
+        }
+    }
+}
+
+/// Grains one of which flies upwards a million times the height of the domain in a unit of time.
+pub(crate) fn shot_grain() -> ParticleScene {
+    let mut scene = three_classes(PairRule::Contact);
+    scene.particles.velocities[41] = DVec3::new(0.0, 1e6, 0.0);
+    scene
+}
+
+fn shot_grain_stays() {
+    let scene = shot_grain();
+    for search in searches() {
+        let settings = SimulationSettings { search, ..SimulationSettings::default() };
+        let mut simulation = Simulation::new(&scene, &settings).unwrap();
+        for _ in 0..5 {
+            simulation.advance(1, &mut Watch::none()).unwrap();
+            let measures = measure(&simulation);
+            assert!(measures.outside == 0 && measures.max_speed > 1.0, "{search}: {measures:?}");
         }
     }
 }

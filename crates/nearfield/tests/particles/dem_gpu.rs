@@ -9,7 +9,7 @@ use nearfield::application::particles::{
 };
 use nearfield::gpu::Gpu;
 
-use crate::dem::{falling, few_grains, in_the_plane, search_is_timed, searches, three_classes};
+use crate::dem::{falling, few_grains, in_the_plane, search_is_timed, searches, shot_grain, three_classes};
 use crate::runs::run;
 use crate::support::gpu_trial;
 
@@ -22,6 +22,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("grains_on_the_device_can_be_none_one_or_all_in_one_place", few_and_coincident),
         gpu_trial("grains_that_are_too_fast_end_the_simulation_on_the_device", blow_up_is_told),
         gpu_trial("steps_before_a_blow_up_on_the_device_are_reported", finished_steps_are_reported),
+        gpu_trial("a_grain_shot_at_a_wall_stays_in_the_domain_on_the_device", shot_grain_stays),
         gpu_trial("a_simulation_on_the_device_goes_on_from_saved_grains", resumes),
         gpu_trial("a_search_by_itself_on_the_device_counts_all_and_changes_nothing", searches_are_timed),
     ];
@@ -179,6 +180,16 @@ fn finished_steps_are_reported(gpu: &Gpu) {
             }
             assert!(simulation.take_reports().is_empty(), "{search}, {is_timed}");
         }
+    }
+}
+
+fn shot_grain_stays(gpu: &Gpu) {
+    let scene = shot_grain();
+    let mut simulation = GpuSimulation::new(gpu, &scene, &SimulationSettings::default()).unwrap();
+    for _ in 0..5 {
+        simulation.advance(1, &mut Watch::none()).unwrap();
+        let measures = simulation.measure().unwrap();
+        assert!(measures.outside == 0 && measures.max_speed > 1.0, "{measures:?}");
     }
 }
 

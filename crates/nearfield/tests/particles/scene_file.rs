@@ -114,6 +114,8 @@ fn wrong_files() {
     let changed = [
         ("name = \"tank\"", "nmae = \"tank\"", ":2:"),
         ("spacing = 0.1", "spacing = 0.1\nmass = -1.0", "mass"),
+        ("spacing = 0.1", "spacing = 0.1\nmass = -1.0", ":10:"),
+        ("velocity = [1, 0, 0]", "mass = -1.0", ":16:"),
         ("spacing = 0.1", "spacing = 'wide'", ":9:"),
         ("spacing = 0.1", "spacing = -0.1", "spacing"),
         ("spacing = 0.1", "", "no spacing of a pbf model"),

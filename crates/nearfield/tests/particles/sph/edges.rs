@@ -22,6 +22,7 @@ pub(super) fn trials() -> Vec<Trial> {
         trial("smoothed_fluids::particles_in_one_place_stay_together", particles_in_one_place_stay_together),
         trial("smoothed_fluids::settings_that_cannot_be_are_errors", settings_that_cannot_be_are_errors),
         trial("smoothed_fluids::what_flies_apart_is_named", what_flies_apart_is_named),
+        trial("smoothed_fluids::what_leaves_the_domain_is_counted", what_leaves_the_domain_is_counted),
         trial("smoothed_fluids::every_search_gives_the_same_bits", every_search_gives_the_same_bits),
         trial(
             "smoothed_fluids::saved_particles_go_on_as_if_nothing_had_been",
@@ -140,6 +141,29 @@ fn what_flies_apart_is_named() {
         let ended = simulation.advance(2, &mut Watch::none());
         assert!(matches!(ended, Err(Error::BlowUp { step: 1, .. })), "{ended:?}");
         assert_eq!(simulation.particles().expect("particles").positions, wild.particles.positions);
+    }
+}
+
+fn what_leaves_the_domain_is_counted() {
+    for model in models() {
+        let mut open = tank(0.5, 0.5, SPACING, 2, model);
+        open.domain = [DVec3::new(-0.1, -0.1, 0.0), DVec3::new(0.6, 0.6, 0.0)];
+        // One of the uppermost layer, through the open top.
+        let shot = open.particles.len() - 5;
+        open.particles.velocities[shot] = DVec3::new(0.0, 50.0, 0.0);
+        let mut simulation = simulation(&open);
+        while simulation.time() < 0.02 {
+            make_steps(&mut simulation, 1);
+        }
+        let (measures, particles) =
+            (simulation.measure().expect("measures"), simulation.particles().expect("particles"));
+        assert!(measures.outside == 1 && particles.positions[shot].y > 0.6, "{measures:?}");
+        // Such particles can be gone on from, but no scene begins with them.
+        simulation.resume(&particles, simulation.step(), simulation.time()).expect("particles under way");
+        make_steps(&mut simulation, 1);
+        open.particles = particles;
+        let refused = Simulation::new(&open, &SimulationSettings::default()).map(drop);
+        assert!(matches!(refused, Err(Error::OutsideDomain { count: 1, .. })), "{refused:?}");
     }
 }
 
