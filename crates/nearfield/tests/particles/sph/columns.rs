@@ -55,8 +55,8 @@ fn columns_are_held_up() {
     assert!(measures.mean_compression < 1e-3 && measures.max_compression < 0.02, "{measures:?}");
     assert!(measures.min.y > 0.0 && measures.min.x > 0.0, "{}", measures.min);
     assert!(measures.max.x < f64::from(ACROSS) * SPACING, "{}", measures.max);
-    // Far below the most that there can be, where the tolerance of 1e-4 would not be reached.
-    assert!(left < 2e-4 && made < 60.0, "{made} iterations, {left} left");
+    // Some 18; without the pressures of the last step it is some 70.
+    assert!(left < 2e-4 && made < 25.0, "{made} iterations, {left} left");
     // What rests is carried by pressures whose mean is that at half the height; it is met to some tenth, for particles still move about.
     let expected = 1000.0 * GRAVITY * 0.5 * HEIGHT;
     println!("mean pressure {pressure} for {expected}");
