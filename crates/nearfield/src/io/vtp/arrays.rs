@@ -84,12 +84,12 @@ impl<'a> Document<'a> {
         }
         let mut decoded = 0;
         let (bytes, big_endian) = match format.as_str() {
-            "ascii" => (Cow::Owned(self.from_text(array, &shape)?), false),
+            "ascii" => (Cow::Owned(self.bytes_of_text(array, &shape)?), false),
             "binary" => {
                 let at = self.place_in(array.text);
-                (Cow::Owned(self.from_base64(array.text, at, &shape, &mut decoded)?), self.big_endian)
+                (Cow::Owned(self.bytes_of_base64(array.text, at, &shape, &mut decoded)?), self.big_endian)
             }
-            "appended" => (self.from_appended(array, &shape, &mut decoded)?, self.big_endian),
+            "appended" => (self.bytes_of_appended(array, &shape, &mut decoded)?, self.big_endian),
             _ => {
                 return Err(self.wrong(
                     array,
@@ -131,7 +131,7 @@ impl<'a> Document<'a> {
     }
 
     /// Numbers as text, least significant byte first.
-    fn from_text(&self, array: &Element<'a>, shape: &Shape) -> Result<Vec<u8>> {
+    fn bytes_of_text(&self, array: &Element<'a>, shape: &Shape) -> Result<Vec<u8>> {
         // A number takes a digit and a blank; the last one may lack the blank.
         let possible = (array.text.len() as u64).div_ceil(2);
         if shape.count() > possible {
@@ -158,7 +158,7 @@ impl<'a> Document<'a> {
     }
 
     /// Numbers behind the XML.
-    fn from_appended(&self, array: &Element<'a>, shape: &Shape, decoded: &mut usize) -> Result<Cow<'a, [u8]>> {
+    fn bytes_of_appended(&self, array: &Element<'a>, shape: &Shape, decoded: &mut usize) -> Result<Cow<'a, [u8]>> {
         let Some(appended) = self.appended else {
             return Err(self.wrong(array, "no appended data".into(), "the element AppendedData"));
         };
@@ -170,7 +170,7 @@ impl<'a> Document<'a> {
         };
         let (rest, at) = (&appended.bytes[offset..], appended.start + offset);
         if !appended.is_raw {
-            return Ok(Cow::Owned(self.from_base64(rest, at, shape, decoded)?));
+            return Ok(Cow::Owned(self.bytes_of_base64(rest, at, shape, decoded)?));
         }
         let place = Place::Byte(at as u64);
         let head = rest
@@ -188,7 +188,7 @@ impl<'a> Document<'a> {
     ///
     /// - `at`: where the text stands in the file
     /// - `decoded`: how many characters were gone through, to which these are added
-    fn from_base64(&self, text: &[u8], at: usize, shape: &Shape, decoded: &mut usize) -> Result<Vec<u8>> {
+    fn bytes_of_base64(&self, text: &[u8], at: usize, shape: &Shape, decoded: &mut usize) -> Result<Vec<u8>> {
         // Lines are counted from the start of the file: for what is wrong alone.
         let place = |i: usize| line_of(self.bytes, at + i);
         let mut first = |most: usize| -> Result<Vec<u8>> {

@@ -69,9 +69,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<PointCloud> {
             cloud.normals = Some(vectors_from_columns([0, 1, 2].map(|axis| numbers.column(axis)), n));
         } else if name == "colors" && is_color(&numbers) && cloud.colors.is_none() {
             let mut colors = vec![[255; 4]; n];
-            for k in 0..numbers.components {
-                numbers.column(k).for_each(|i, value| colors[i][k] = value as u8);
-            }
+            (0..numbers.components).for_each(|k| numbers.column(k).for_each(|i, value| colors[i][k] = value as u8));
             cloud.colors = Some(colors);
         } else {
             if (cloud.attributes.len() + numbers.components) as u64 > MAX_COLUMNS {

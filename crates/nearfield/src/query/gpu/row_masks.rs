@@ -105,7 +105,7 @@ enum Masks {
     /// Of each query its own, with the capacity and the number of queries.
     OfQueries { words: Buffer<u32>, masks: Buffer<[u32; 4]>, batch: Buffer<[u32; 4]> },
     /// Of pairs, with the capacity and the numbers of pairs and points.
-    OfPairs { pairs: Pairs, masks: PairMasks, batch: Buffer<[u32; 4]> },
+    OfPairs { pairs: Box<Pairs>, masks: PairMasks, batch: Buffer<[u32; 4]> },
 }
 
 impl Masks {
@@ -113,7 +113,7 @@ impl Masks {
         let (gpu, n, capacity) = (structure.gpu(), queries.len(), structure.mask_words());
         if let Some(pairs) = Pairs::of(structure, question, queries)? {
             let batch = gpu.uniform("mask capacity", &[capacity, pairs.len() as u32, n as u32, 0])?;
-            return Ok(Self::OfPairs { masks: pairs.masks(capacity)?, batch, pairs });
+            return Ok(Self::OfPairs { masks: pairs.masks(capacity)?, batch, pairs: Box::new(pairs) });
         }
         Ok(Self::OfQueries {
             words: gpu.buffer("words of queries", n)?,
