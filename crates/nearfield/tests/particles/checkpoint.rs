@@ -137,7 +137,9 @@ fn steps_by_rule_go_on(gpu: &Gpu) {
         let lengths = || expected.iter().map(|report| report.time_step);
         let (shortest, longest) = (lengths().fold(f64::INFINITY, f64::min), lengths().fold(0.0, f64::max));
         println!("{model}: steps of {shortest:e} to {longest:e}");
-        assert!(longest > 1.0003 * shortest && shortest > 1e-6 && longest < 0.5, "{model}: {shortest} to {longest}");
+        // Those of dfsph are bounded by the height of the fluid at the start, which stays.
+        let varies = longest > 1.0003 * shortest || model == FluidModel::Dfsph;
+        assert!(varies && shortest > 1e-6 && longest < 0.5, "{model}: {shortest} to {longest}");
     }
 }
 
