@@ -35,7 +35,8 @@ pub(crate) fn visit_nearest(tree: &GpuAabbTree, question: &Knn<'_>, visitor: &Vi
     let pipeline = gpu.pipeline(&Kernel {
         visitor_bindings: &visitor_accesses,
         fills: &fills,
-        features: visitor.features,
+        // An invocation answers each query alone.
+        features: &[&[("shared_queries", false)], visitor.features].concat(),
         constants: &[("WORKGROUP", f64::from(WORKGROUP))],
         ..Kernel::new(KERNEL, "visit_nearest", &accesses, WORKGROUP)
     })?;
