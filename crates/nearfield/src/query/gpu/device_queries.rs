@@ -117,14 +117,7 @@ pub(super) fn record_caller<S: GpuStructure>(
     visitor: &Visitor<'_>,
 ) -> Result<()> {
     let accesses: Vec<Access> = visitor.bindings.iter().map(|(access, _)| *access).collect();
-    let code = VisitorCode {
-        source: Fill::Caller(visitor.source),
-        features: &[],
-        accesses: &accesses,
-        rounds: VisitorRounds::default(),
-        combines: visitor.combines,
-    };
-    record(commands, structure, queries, &code, visitor.bindings)
+    record(commands, structure, queries, &visitor.code(&accesses), visitor.bindings)
 }
 
 fn record<S: GpuStructure>(

@@ -66,6 +66,17 @@ impl<'a> Visitor<'a> {
     pub fn combining(source: &'a str, bindings: &'a [(Access, Bind)]) -> Self {
         Self { source, bindings, combines: true }
     }
+
+    /// What the query kernel is told of it; `accesses` are those of its bindings.
+    pub(super) fn code<'b>(&'b self, accesses: &'b [Access]) -> VisitorCode<'b> {
+        VisitorCode {
+            source: Fill::Caller(self.source),
+            features: &[],
+            accesses,
+            rounds: VisitorRounds::default(),
+            combines: self.combines,
+        }
+    }
 }
 
 /// Runs visitors. Implemented for every GPU structure.
@@ -83,13 +94,7 @@ pub trait ForEachOnDevice: GpuStructure {
         question.validate(self.len())?;
         let accesses: Vec<Access> = visitor.bindings.iter().map(|(access, _)| *access).collect();
         let binds: Vec<Bind> = visitor.bindings.iter().map(|(_, bind)| bind.clone()).collect();
-        let code = VisitorCode {
-            source: Fill::Caller(visitor.source),
-            features: &[],
-            accesses: &accesses,
-            rounds: VisitorRounds::default(),
-            combines: visitor.combines,
-        };
+        let code = visitor.code(&accesses);
         let queries = QueryBuffers::in_search_order(self, question)?;
         let mut report = visit::report(self, "thread-a-query", &["the caller's visitor"]);
         queries.add_stages_to(&mut report);
