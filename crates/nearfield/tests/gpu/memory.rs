@@ -15,6 +15,7 @@ pub(crate) fn trials() -> Vec<Trial> {
         gpu_trial("a_refused_allocation_is_an_error_or_a_smaller_batch", refused_allocations),
         gpu_trial("lists_in_batches_have_the_same_bytes", lists_in_batches_have_the_same_bytes),
         gpu_trial("counts_in_batches_are_the_same", counts_in_batches_are_the_same),
+        gpu_trial("a_list_needs_a_quarter_more_than_its_own_size", a_list_needs_a_quarter_more_than_its_own_size),
         gpu_trial("rows_longer_than_the_memory_of_a_batch_are_split", rows_longer_than_the_memory_of_a_batch_are_split),
         gpu_trial("too_little_memory_is_an_error_with_sizes", too_little_memory_is_an_error_with_sizes),
         gpu_trial("reading_back_takes_the_memory_there_is", reading_back_takes_the_memory_there_is),
@@ -188,6 +189,25 @@ fn counts_in_batches_are_the_same(gpu: &Gpu) {
         assert_eq!((found.indices(), found.dist2()), (nearest.indices(), nearest.dist2()), "1/{part}");
         assert!(found.report.batches > 1);
     }
+}
+
+fn a_list_needs_a_quarter_more_than_its_own_size(gpu: &Gpu) {
+    let own = own_context(gpu);
+    let points = lattice_points(4000);
+    let question = FixedRadius::new(RADIUS);
+    let grid = grid(&own, &points).unwrap();
+    let (need, list) = need(&own, || grid.list_on_device(&question));
+    let (entries, roomy) = (list.indices.bytes(), list.report.search);
+    // What is needed beside the list itself.
+    assert!(entries > 4 * 16 * points.len() as u64 && need > entries / 4, "{entries} bytes, and {need}");
+    drop(list);
+    own.set_memory_limit(own.memory_used() + entries + entries / 4);
+    let list = grid.list_on_device(&question).unwrap();
+    assert_eq!((roomy, list.report.search), ("row-masks", "two-pass"));
+    let host = grid.list(&question).unwrap();
+    let expected = rows_by_loop(&points, &points, RADIUS);
+    assert_eq!(wrong_row(&host, &expected), None);
+    assert_eq!(own.read(&list.indices).unwrap().len(), expected.iter().map(Vec::len).sum::<usize>());
 }
 
 fn rows_longer_than_the_memory_of_a_batch_are_split(gpu: &Gpu) {

@@ -226,15 +226,17 @@ pub(super) struct ListSize {
     pub(super) longest_row: u32,
 }
 
-/// The two passes: count and scan, then fill. `accept` sees the size before memory is taken for the entries, and says
+/// By masks where they apply and fit beside the list, else by two passes: count and scan, then fill. `accept` sees the size before memory is taken for the entries, and says
 /// which order the device gives the rows: that of the question, or none.
 pub(super) fn list_on_device<S: GpuStructure>(
     structure: &S,
     question: &FixedRadius<'_>,
     mut accept: impl FnMut(ListSize) -> Result<RowOrder>,
 ) -> Result<GpuNeighbors> {
-    if let Some(ids) = super::row_masks::applies(structure, question) {
-        return super::row_masks::list_on_device(structure, ids, question, accept);
+    if let Some(ids) = super::row_masks::applies(structure, question)
+        && let Some(list) = super::row_masks::list_on_device(structure, ids, question, &mut accept)?
+    {
+        return Ok(list);
     }
     let gpu = structure.gpu();
     let n = question.len(structure.len());

@@ -18,6 +18,9 @@ use crate::structure::GpuStructure;
 /// Invocations of a workgroup of the kernel.
 const WORKGROUP: u32 = 128;
 
+/// Points of a structure whose places fit beside the number of a row: `PLACE_BITS` in expand_pairs.wesl.
+const MOST_POINTS: usize = 1 << 28;
+
 /// `PairSearch` in find_pairs.wesl, byte for byte.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -74,7 +77,7 @@ impl Pairs {
     ) -> Result<Option<Self>> {
         let gpu = structure.gpu();
         let Radius::One(radius) = question.radius else { return Ok(None) };
-        let own = queries.are_points() && queries.candidates().is_none();
+        let own = queries.are_points() && queries.candidates().is_none() && queries.len() <= MOST_POINTS;
         let are_many = queries.len() as u64 >= visit::invocations_at_once(gpu);
         let Some(module) = structure.pairs_module(radius).filter(|_| own && are_many) else { return Ok(None) };
         if !loops::can_search_in_pairs(structure, radius)? {

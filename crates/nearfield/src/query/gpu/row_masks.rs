@@ -51,25 +51,33 @@ pub(super) fn applies<'a, S: GpuStructure>(structure: &'a S, question: &FixedRad
     structure.ids().filter(|_| walks && plain && mask_bytes <= structure.gpu().limits().binding_bytes)
 }
 
-/// The list by masks, rows in query order. `accept` sees the size before memory is taken for the entries; rows have no
-/// order within.
+/// The list by masks, rows in query order; `None` where the device has no memory for masks beside the list, which takes less by two passes. `accept` sees
+/// the size before memory is taken for the entries; rows have no order within.
 pub(super) fn list_on_device<S: GpuStructure>(
     structure: &S,
     ids: &Buffer<u32>,
     question: &FixedRadius<'_>,
     accept: impl FnOnce(ListSize) -> Result<RowOrder>,
-) -> Result<GpuNeighbors> {
+) -> Result<Option<GpuNeighbors>> {
     let gpu = structure.gpu();
     let n = question.len(structure.len());
     let starts = RowStarts { by_query: gpu.buffer("row offsets", n + 1)?, by_place: None };
-    let mut search = MaskSearch::new(structure, ids, question)?;
+    let Some(mut search) = if_it_fits(MaskSearch::new(structure, ids, question))? else { return Ok(None) };
     let total = search.find(|search, commands, sum| {
         GpuScan::new(gpu, n)?.record(commands, &search.counts, &starts.by_query, n)?;
         GpuReduce::new(gpu)?.record_sum(commands, &search.counts, n, sum)
     })?;
     accept(ListSize { entries: total, longest_row: 0 })?;
-    let indices = search.write_rows(&starts, total)?;
-    Ok(GpuNeighbors { offsets: starts.by_query, indices, dist2: None, report: search.report })
+    let Some(indices) = if_it_fits(search.write_rows(&starts, total))? else { return Ok(None) };
+    Ok(Some(GpuNeighbors { offsets: starts.by_query, indices, dist2: None, report: search.report }))
+}
+
+/// `None` for what the device has no memory for.
+fn if_it_fits<T>(made: Result<T>) -> Result<Option<T>> {
+    match made {
+        Err(Error::OutOfDeviceMemory { .. }) => Ok(None),
+        made => made.map(Some),
+    }
 }
 
 /// The list by masks, rows in the order in which their workgroups reserve places.
