@@ -58,10 +58,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for set in &arguments.sets {
         let points = set.points();
         let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
-        // The volume of a ball grows with the cube of its radius; that of the set holds some 49.
-        let eps = f64::from(set.radius()) * (arguments.mean / 49.0).cbrt();
-        let within = radius_outliers(&arrays, &RadiusOutlierSettings::new(eps, 0), &mut Watch::none())?;
-        let mean = 1.0 + within.neighbors.iter().map(|&n| f64::from(n)).sum::<f64>() / points.len() as f64;
+        let (eps, mean) = eps_for(set, &arrays, arguments.mean)?;
         println!("{set}: eps {eps:.5}, {mean:.2} points within it on average");
         let bench = Bench { arguments, set: *set, arrays, eps };
         match &machine.device {
@@ -70,6 +67,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// A radius within which a point of the set should have about so many, itself among them, and how many it has on average.
+///
+/// # Errors
+/// As the count.
+pub(crate) fn eps_for(set: &Set, points: &[[f32; 3]], wanted: f64) -> Result<(f64, f64)> {
+    // The volume of a ball grows with the cube of its radius; that of the set holds some 49.
+    let eps = f64::from(set.radius()) * (wanted / 49.0).cbrt();
+    let within = radius_outliers(points, &RadiusOutlierSettings::new(eps, 0), &mut Watch::none())?;
+    let mean = 1.0 + within.neighbors.iter().map(|&n| f64::from(n)).sum::<f64>() / points.len() as f64;
+    Ok((eps, mean))
 }
 
 struct Bench<'a> {
@@ -148,7 +157,9 @@ impl Bench<'_> {
         let settings = self.dbscan();
         let there =
             self.row("dbscan", || clustered(dbscan_on_gpu(gpu, points, &settings, &mut Watch::none())), told)?;
-        agree(&there, &dbscan(&self.arrays, &settings, &mut Watch::none())?)?;
+        let [labels, cores] = agree(&there, &dbscan(&self.arrays, &settings, &mut Watch::none())?)?;
+        let n = self.arrays.len();
+        println!("{:<15}{labels} labels and {cores} core points differ from the CPU's, of {n}", "");
         if self.arguments.only_dbscan {
             return Ok(());
         }
@@ -184,7 +195,8 @@ impl Bench<'_> {
     }
 }
 
-fn clustered(found: nearfield::Result<Clusters>) -> Result<(Clusters, Vec<Stage>)> {
+/// Clusters with the stages of their report.
+pub(crate) fn clustered(found: nearfield::Result<Clusters>) -> Result<(Clusters, Vec<Stage>)> {
     let found = found?;
     let stages = found.stages.clone();
     Ok((found, stages))
@@ -211,18 +223,20 @@ fn stages(measured: &Measured) -> String {
     if all.is_empty() { String::new() } else { format!("; {}", all.join(", ")) }
 }
 
-/// Checks that both devices found the same clusters, number by number.
-fn agree(there: &Clusters, here: &Clusters) -> Result<()> {
+/// Checks that both devices found the same clusters, number by number; how many labels and core points differ.
+///
+/// # Errors
+/// More differences than rounding explains.
+pub(crate) fn agree(there: &Clusters, here: &Clusters) -> Result<[usize; 2]> {
     let n = here.labels.len();
     let differ = there.labels.iter().zip(&here.labels).filter(|(a, b)| a != b).count();
     let cores = there.is_core.iter().zip(&here.is_core).filter(|(a, b)| a != b).count();
-    println!("{:<15}{differ} labels and {cores} core points differ from the CPU's, of {n}", "");
     if differ == 0 && there.n_clusters != here.n_clusters {
         let found = format!("{} clusters on the device and {} on the CPU", there.n_clusters, here.n_clusters);
         return Err(Error::from(format!("{found}, with equal labels")));
     }
     if there.labels.len() == n && differ.max(cores) as f64 <= MAY_DIFFER * n as f64 {
-        return Ok(());
+        return Ok([differ, cores]);
     }
     Err(Error::from(format!("{differ} labels and {cores} core points differ between the devices")))
 }

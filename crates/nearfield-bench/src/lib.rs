@@ -20,6 +20,7 @@ pub mod provenance;
 pub mod rays;
 pub mod rivals;
 pub mod sets;
+pub mod targets;
 pub mod wlop;
 
 /// Any failure: the library's, a file's, or an answer that [`check`] refuses.

@@ -6,8 +6,8 @@ use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
 use nearfield_bench::{
-    Result, applications, baselines, curve, device, everyday, grid, octree, paper, particles, primitives, rays, rivals,
-    wlop,
+    Result, applications, baselines, curve, device, everyday, grid, octree, paper, particles, primitives,
+    rays, rivals, targets, wlop,
 };
 
 /// Measure Nearfield on this machine.
@@ -36,6 +36,8 @@ enum Command {
     Rays(rays::Arguments),
     /// Lists and nearest points on the CPU beside kiddo's, by one thread and by all
     Rivals(rivals::Arguments),
+    /// Every row of the table of targets on one GPU, beside its target, the best peer and the floor
+    Targets(targets::Arguments),
     /// Locally optimal projection: times of all variants, and CGAL's samples beside the library's
     Wlop(wlop::Arguments),
     /// Approximate and other libraries' searches, with recall beside their times
@@ -66,6 +68,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Command::Particles(arguments) => particles::run(&arguments),
         Command::Rays(arguments) => rays::run(&arguments),
         Command::Rivals(arguments) => rivals::run(&arguments),
+        Command::Targets(arguments) => targets::run(&arguments),
         Command::Wlop(arguments) => wlop::run(&arguments),
         Command::Baselines(arguments) => baselines::run(&arguments),
         Command::Everyday(arguments) => everyday::run(&arguments),

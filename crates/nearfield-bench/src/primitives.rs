@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::slice;
 use std::time::{Duration, Instant};
 
-use nearfield::gpu::{AdapterKind, Commands, DeviceElement, Gpu};
+use nearfield::gpu::{AdapterKind, Buffer, Commands, DeviceElement, Gpu};
 use nearfield::parallel::radix_sort::{GpuRadixSort, RankMethod, SortKey, sort_pairs};
 use nearfield::parallel::reduce::{self, GpuBounds, GpuReduce};
 use nearfield::parallel::scan::{self, GpuScan};
@@ -140,30 +140,57 @@ impl BenchKey for u64 {
 }
 
 fn time_sorts<K: BenchKey>(gpu: &Gpu, n: usize, bit_ranges: &[Range<u32>]) -> Result<()> {
-    if (n * size_of::<K>()) as u64 > gpu.limits().binding_bytes {
+    if !SortCase::<K>::fits(gpu, n) {
         println!("{n} keys of {} bits do not fit into a binding of this device", K::BITS);
         return Ok(());
     }
     if gpu.kind() == AdapterKind::Software && n > LONGEST_SORT_IN_SOFTWARE {
         return Ok(());
     }
-    let keys = words::<K>(n);
-    let values: Vec<u32> = (0..n as u32).map(value_at).collect();
-    let source = (gpu.upload("keys", &keys)?, gpu.upload("values", &values)?);
-    let sorted = (gpu.buffer("sorted keys", n)?, gpu.buffer("sorted values", n)?);
+    let case = SortCase::<K>::new(gpu, n)?;
     for method in METHODS {
         // A device need not have every method.
         let Ok(plan) = GpuRadixSort::<K>::with_method(gpu, n, method) else { continue };
         for bits in bit_ranges {
-            let record = |commands: &mut Commands| {
-                plan.record_from(commands, &source.0, Some(&source.1), &sorted.0, &sorted.1, n, bits.clone())
-            };
-            let time = median(|| timed(gpu, record))?;
-            check_sorted(&keys, bits, &gpu.read(&sorted.0)?, &gpu.read(&sorted.1)?)?;
+            let time = median(|| timed(gpu, |commands| case.record(&plan, commands, bits)))?;
+            case.check(gpu, bits)?;
             report(&format!("sort u{} {} bits, {method:?}", K::BITS, bits.len()), n, time);
         }
     }
     Ok(())
+}
+
+/// Pairs of random keys with u32 values on the device, and room for them sorted.
+pub(crate) struct SortCase<K: BenchKey> {
+    keys: Vec<K>,
+    source: (Buffer<K>, Buffer<u32>),
+    sorted: (Buffer<K>, Buffer<u32>),
+}
+
+impl<K: BenchKey> SortCase<K> {
+    /// Whether the keys fit a binding of the device.
+    pub(crate) fn fits(gpu: &Gpu, n: usize) -> bool {
+        (n * size_of::<K>()) as u64 <= gpu.limits().binding_bytes
+    }
+
+    pub(crate) fn new(gpu: &Gpu, n: usize) -> Result<Self> {
+        let keys = words::<K>(n);
+        let values: Vec<u32> = (0..n as u32).map(value_at).collect();
+        let source = (gpu.upload("keys", &keys)?, gpu.upload("values", &values)?);
+        let sorted = (gpu.buffer("sorted keys", n)?, gpu.buffer("sorted values", n)?);
+        Ok(Self { keys, source, sorted })
+    }
+
+    /// Records a sort by these bits of the keys.
+    pub(crate) fn record(&self, plan: &GpuRadixSort<K>, commands: &mut Commands, bits: &Range<u32>) -> Result<()> {
+        let ((keys, values), (sorted_keys, sorted_values)) = (&self.source, &self.sorted);
+        plan.record_from(commands, keys, Some(values), sorted_keys, sorted_values, self.keys.len(), bits.clone())
+    }
+
+    /// Checks what the last sort by these bits left.
+    pub(crate) fn check(&self, gpu: &Gpu, bits: &Range<u32>) -> Result<()> {
+        check_sorted(&self.keys, bits, &gpu.read(&self.sorted.0)?, &gpu.read(&self.sorted.1)?)
+    }
 }
 
 /// The value of the pair at place i; its own inverse.

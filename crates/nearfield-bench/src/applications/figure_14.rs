@@ -19,7 +19,7 @@ const TOTAL: &str = "30 iterations in all";
 const OFF: &str = "distance from the mesh, RMS";
 const BIAS: &str = "distance from the mesh, mean";
 /// Noise in spacings.
-const NOISE: f64 = 0.5;
+pub(crate) const NOISE: f64 = 0.5;
 /// Points whose distance from the mesh is taken.
 const MEASURED: usize = 20_000;
 /// Degrees of the height without lists, beside the 0 that lists have.

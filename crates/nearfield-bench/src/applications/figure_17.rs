@@ -4,8 +4,8 @@
 use std::time::Instant;
 
 use nearfield::application::{
-    Contour, ContourSettings, DistanceField, DistanceSettings, GpuContour, GpuOrientedSamples, MeshDistance,
-    NodeValues, Offset, Watch, contour, contour_on_gpu, grid_around,
+    Contour, ContourSettings, DistanceField, DistanceSettings, GpuContour, GpuDistanceField, GpuOrientedSamples,
+    MeshDistance, NodeValues, Offset, Watch, contour, contour_on_gpu, grid_around,
 };
 use nearfield::geometry::mesh_topology::MeshTopology;
 use nearfield::gpu::{Buffer, Gpu};
@@ -17,7 +17,7 @@ use super::original::{BAND, OFFSET, RESOLUTION, TABLE_3};
 use super::scans::Scan;
 use super::{Workshop, picture, plotting, table_3};
 use crate::Result;
-use crate::measure::repeat;
+use crate::measure::{Effort, Measured, repeat};
 use crate::paper::rows::{Row, Sheet};
 
 const CONTOURING: &str = "dual contouring";
@@ -67,6 +67,43 @@ pub fn measure(workshop: &Workshop) -> Result<Vec<Row>> {
     Ok(sheet.into_rows())
 }
 
+/// Vertices where planes meet, from values that are on the device to triangles there: their number, and the times.
+///
+/// # Errors
+/// As the contouring; no triangle at all.
+pub(crate) fn left_on_device(
+    gpu: &Gpu,
+    field: &GpuDistanceField,
+    grid: &RegularGrid,
+    level: f32,
+    effort: Effort,
+) -> Result<(usize, Measured)> {
+    // The same bits as f32.
+    let raw = field.values().raw().clone();
+    let values: Buffer<f32> = Buffer::from_wgpu("values of a field", raw, grid.n_nodes())?;
+    let (surface, measured) = repeat(effort, || {
+        let surface = GpuContour::of(gpu, grid, &values, level, false, &ContourSettings::default())?;
+        Ok((surface, Vec::new()))
+    })?;
+    let triangles = surface.triangles().len() / 3;
+    if triangles == 0 {
+        return Err("wrong answer: no triangle of a surface left on the device".into());
+    }
+    Ok((triangles, measured))
+}
+
+/// The topology of a contoured mesh.
+///
+/// # Errors
+/// A mesh that is empty, no manifold, or not oriented.
+pub(crate) fn checked_topology(mesh: &TriMesh) -> Result<MeshTopology> {
+    let topology = MeshTopology::of(mesh);
+    if topology.triangles == 0 || !topology.is_manifold() || !topology.is_oriented() {
+        return Err(format!("wrong answer: {topology:?} is no manifold with one side out").into());
+    }
+    Ok(topology)
+}
+
 /// Samples, a grid, and the distance of the surface that is looked for.
 struct Body<'a> {
     workshop: &'a Workshop,
@@ -95,7 +132,7 @@ impl Body<'_> {
         Ok(f64::from(-values.iter().copied().filter(|value| value.is_finite()).fold(0.0, f32::min)))
     }
 
-    fn on_device(&self, gpu: &Gpu) -> Result<nearfield::application::GpuDistanceField> {
+    fn on_device(&self, gpu: &Gpu) -> Result<GpuDistanceField> {
         let samples = GpuOrientedSamples::build(gpu, &self.scan.points, &self.scan.normals)?;
         Ok(samples.distance_field(&self.grid, &self.settings())?)
     }
@@ -151,24 +188,13 @@ impl Body<'_> {
         Ok(surface.map(|(_, mesh)| mesh))
     }
 
-    /// Vertices where planes meet, from values that are on the device to triangles there.
     fn left_on_device(&self, gpu: &Gpu, row: &Row) -> Result<Vec<Row>> {
-        let field = self.on_device(gpu)?;
-        // The same bits as f32.
-        let raw = field.values().raw().clone();
-        let values: Buffer<f32> = Buffer::from_wgpu("values of a field", raw, self.grid.n_nodes())?;
         let level = match self.offset {
             Some(Offset::Signed(distance)) => distance as f32,
             _ => 0.0,
         };
-        let (surface, measured) = repeat(self.workshop.lab.effort(), || {
-            let surface = GpuContour::of(gpu, &self.grid, &values, level, false, &ContourSettings::default())?;
-            Ok((surface, Vec::new()))
-        })?;
-        let triangles = surface.triangles().len() / 3;
-        if triangles == 0 {
-            return Err("wrong answer: no triangle of a surface left on the device".into());
-        }
+        let (triangles, measured) =
+            left_on_device(gpu, &self.on_device(gpu)?, &self.grid, level, self.workshop.lab.effort())?;
         let note =
             format!("{triangles} triangles; vertices where planes meet, before flipped triangles are looked for");
         Ok(vec![Row { runs: measured.runs, ..row.of(CONTOURING, "ms") }.value(measured.wall.median).note(note)])
@@ -187,10 +213,7 @@ impl Body<'_> {
         };
         let (surface, milliseconds) = make(&values, &ContourSettings::default())?;
         let mesh = surface.mesh();
-        let topology = MeshTopology::of(&mesh);
-        if topology.triangles == 0 || !topology.is_manifold() || !topology.is_oriented() {
-            return Err(format!("wrong answer: {topology:?} is no manifold with one side out").into());
-        }
+        let topology = checked_topology(&mesh)?;
         let row = Row { runs: 1, ..row.clone() };
         let border = match topology.boundary_loops {
             0 => "closed".to_owned(),

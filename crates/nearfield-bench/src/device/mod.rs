@@ -9,6 +9,7 @@ mod on_cpu;
 mod on_gpu;
 mod peers;
 mod table;
+pub(crate) mod timed;
 mod tree_on_cpu;
 mod tree_on_gpu;
 
@@ -20,8 +21,9 @@ use crate::Result;
 use crate::measure::Effort;
 use crate::provenance::{Device, Machine};
 use crate::sets::Set;
-pub(crate) use on_gpu::device_points;
 use table::Table;
+pub(crate) use timed::device_points;
+pub(crate) use tree_on_gpu::{NEAREST, fit};
 
 /// Seconds after which an operation is not repeated again.
 const SECONDS: f64 = 20.0;

@@ -6,18 +6,18 @@
 
 use nearfield::gpu::{Buffer, Gpu};
 use nearfield::query::{Clock, NeighborSearch, Stage};
-use nearfield::structure::{AabbTreeBuilder, BuildStage, DevicePoint};
+use nearfield::structure::{AabbTreeBuilder, BuildStage, DevicePoint, GpuStructure};
 use nearfield::{AabbTreeSettings, BuildOrder, FixedRadius, GpuAabbTree, Knn, SearchOnDevice, TreeSearch, Vec3};
 
-use super::on_gpu::{checked, device_points, too_large};
 use super::table::Row;
-use crate::check::{Expected, check_nearest};
+use super::timed::{self, Attempt, device_points, device_stage};
+use crate::Result;
+use crate::check::Expected;
 use crate::measure::{Effort, Measured, repeat};
 use crate::sets::Set;
-use crate::{Error, Result};
 
 /// Neighbours of the rows on nearest points.
-pub(super) const NEAREST: u32 = 16;
+pub(crate) const NEAREST: u32 = 16;
 
 /// Measures the set and hands over each row once its answer is checked.
 pub(super) fn measure(
@@ -54,17 +54,17 @@ pub(super) fn measure(
     })?;
     let structure_bytes = NeighborSearch::memory_bytes(&tree);
     let row = |operation, search, measured, note| Row { structure_bytes, ..row(operation, search, measured, note) };
+    let attempted = |operation, search, attempt: Attempt| match attempt {
+        Ok(timed) => {
+            Row { peak_bytes: timed.peak_bytes, ..row(operation, search, Some(timed.measured), String::new()) }
+        }
+        Err(note) => row(operation, search, None, note),
+    };
     add(row("build", "", Some(measured), String::new()));
 
     let ((), measured) = repeat(effort, || Ok(((), refit(&mut tree, &input)?)))?;
     add(row("refit, caller's order", "", Some(measured), String::new()));
-    let ((), measured) = repeat(effort, || {
-        let mut commands = gpu.commands("fit");
-        commands.stage("fit");
-        tree.record_fit(&mut commands);
-        Ok(((), commands.run()?.iter().filter_map(device_stage).collect()))
-    })?;
-    add(row("refit", "", Some(measured), String::new()));
+    add(row("refit", "", Some(fit(&tree, effort)?), String::new()));
 
     for order in [BuildOrder::Hilbert, BuildOrder::Median] {
         if order == BuildOrder::Median {
@@ -72,82 +72,57 @@ pub(super) fn measure(
         }
         for search in [TreeSearch::Packed, TreeSearch::Primary] {
             tree.set_search(search);
-            let name = name_of(order, search);
-            let (counts, measured) = repeat(effort, || {
-                let (counts, report) = tree.count_on_device(&question)?;
-                Ok((counts, report.stages))
-            })?;
-            expected.check_counts(&gpu.read(&counts)?)?;
-            add(row("count", name, Some(measured), String::new()));
+            let counted = timed::counts(&tree, &question, &expected, effort)?;
+            add(attempted("count", name_of(order, search), Ok(counted)));
         }
         tree.set_search(TreeSearch::Packed);
         let name = name_of(order, TreeSearch::Packed);
-        let listed = repeat(effort, || {
+        let listed = timed::list(gpu, &expected, effort, || {
             let stages = refit(&mut tree, &input)?;
             let list = tree.list_on_device(&question)?;
             let stages = [stages, list.report.stages.clone()].concat();
             Ok((list, stages))
-        });
-        add(match checked(gpu, &expected, listed)? {
-            Ok((measured, _)) => row("refit + list", name, Some(measured), String::new()),
-            Err(note) => row("refit + list", name, None, note),
-        });
-        let unordered = repeat(effort, || {
+        })?;
+        add(attempted("refit + list", name, listed));
+        let unordered = timed::rows(gpu, &expected, effort, || {
             let rows = tree.list_rows_on_device(&question)?;
             let stages = rows.report.stages.clone();
             Ok((rows, stages))
-        });
-        add(match unordered {
-            Ok((rows, measured)) => {
-                expected.check_counts(&gpu.read(&rows.lengths)?)?;
-                row(super::on_gpu::UNORDERED, name, Some(measured), String::new())
-            }
-            Err(error) => row(super::on_gpu::UNORDERED, name, None, too_large(error)?),
-        });
-        let found = repeat(effort, || {
+        })?;
+        add(attempted(super::on_gpu::UNORDERED, name, unordered));
+        let found = timed::nearest(gpu, points, NEAREST, effort, || {
             let found = tree.knn_on_device(&Knn::new(NEAREST))?;
             let stages = found.report.stages.clone();
             Ok((found, stages))
-        });
+        })?;
         let name = if order == BuildOrder::Hilbert { "along hilbert" } else { "median splits" };
-        add(match found {
-            Ok((found, measured)) => {
-                check_nearest(points, NEAREST, &gpu.read(&found.indices)?)?;
-                row("kNN 16", name, Some(measured), String::new())
-            }
-            Err(error) => row("kNN 16", name, None, refused(error)?),
-        });
+        add(attempted("kNN 16", name, found));
     }
     drop(tree);
-    let listed = repeat(effort, || {
+    let listed = timed::list(gpu, &expected, effort, || {
         let tree = builder.build(&input)?;
         let list = tree.list_on_device(&question)?;
         let stages = [NeighborSearch::build_stages(&tree), list.report.stages.clone()].concat();
         Ok((list, stages))
-    });
-    let name = name_of(BuildOrder::Hilbert, TreeSearch::Packed);
-    add(match checked(gpu, &expected, listed)? {
-        Ok((measured, _)) => row("build + list", name, Some(measured), String::new()),
-        Err(note) => row("build + list", name, None, note),
-    });
+    })?;
+    add(attempted("build + list", name_of(BuildOrder::Hilbert, TreeSearch::Packed), listed));
     Ok(())
 }
 
-fn device_stage(time: &nearfield::gpu::StageTime) -> Option<Stage> {
-    Some(Stage { name: time.name, milliseconds: time.milliseconds?, clock: Clock::Device })
+/// Times of fitting the boxes to points where they stand.
+pub(crate) fn fit(tree: &GpuAabbTree, effort: Effort) -> Result<Measured> {
+    let ((), measured) = repeat(effort, || {
+        let mut commands = GpuStructure::gpu(tree).commands("fit");
+        commands.stage("fit");
+        tree.record_fit(&mut commands);
+        Ok(((), commands.run()?.iter().filter_map(device_stage).collect()))
+    })?;
+    Ok(measured)
 }
 
 fn refit(tree: &mut GpuAabbTree, input: &Buffer<DevicePoint>) -> Result<Vec<Stage>> {
     let stages: Vec<BuildStage> = tree.refit(input)?;
     Ok(stages.iter().map(Stage::from).collect())
-}
-
-/// The note for a question that a software device cannot answer; other errors stay errors.
-fn refused(error: Error) -> Result<String> {
-    match error.downcast_ref::<nearfield::Error>() {
-        Some(unsupported @ nearfield::Error::Unsupported { .. }) => Ok(unsupported.to_string()),
-        _ => Err(error),
-    }
 }
 
 fn name_of(order: BuildOrder, search: TreeSearch) -> &'static str {

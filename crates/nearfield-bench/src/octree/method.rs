@@ -18,6 +18,7 @@ use super::chart::Chart;
 use crate::Result;
 use crate::check::Expected;
 use crate::device::device_points;
+use crate::device::timed::peaked;
 use crate::measure::{Effort, Measured, repeat};
 use crate::sets::{SEED, Set};
 
@@ -48,8 +49,8 @@ impl Method {
 }
 
 /// Points with what the answers are checked against.
-pub(super) struct Case {
-    pub(super) points: Vec<Vec3>,
+pub(crate) struct Case {
+    pub(crate) points: Vec<Vec3>,
     pub(super) tree: LinearOctree,
     /// Of the neighbours; `None` where they are not counted.
     pub(super) expected: Option<Expected>,
@@ -65,29 +66,39 @@ pub(super) struct Case {
 const LARGEST_ON_CPU: usize = 10_000_000;
 
 impl Case {
+    /// For all charts.
     pub(super) fn new(set: Set) -> Result<Self> {
+        let case = Self::for_builds(set)?;
+        let (points, domain) = (&case.points, case.domain);
+        let counted = points.len() <= LARGEST_ON_CPU;
+        let in_domain = |p: &Vec3| domain.origin() + *p * domain.edge() * 0.999;
+        Ok(Self {
+            expected: if counted { Some(Expected::of(points, case.radius)?) } else { None },
+            probes: cloud(CloudKind::Uniform, points.len(), SEED + 1).points.iter().map(in_domain).collect(),
+            ..case
+        })
+    }
+
+    /// For construction alone: without neighbours and probes.
+    pub(crate) fn for_builds(set: Set) -> Result<Self> {
         let (points, radius) = (set.points(), set.radius());
         let domain = Domain::of_bounds(&reduce::bounds(&points));
         let tree = LinearOctree::build(&points, &OctreeSettings::default().domain(domain))?;
         if let Some(broken) = (points.len() <= LARGEST_ON_CPU).then(|| tree.broken_invariant()).flatten() {
             return Err(format!("wrong answer: {broken}").into());
         }
-        let counted = points.len() <= LARGEST_ON_CPU;
-        let in_domain = |p: &Vec3| domain.origin() + *p * domain.edge() * 0.999;
-        Ok(Self {
-            expected: if counted { Some(Expected::of(&points, radius)?) } else { None },
-            probes: cloud(CloudKind::Uniform, points.len(), SEED + 1).points.iter().map(in_domain).collect(),
-            levels: (points.len().ilog2() / 3).min(8),
-            points,
-            tree,
-            radius,
-            domain,
-        })
+        let levels = (points.len().ilog2() / 3).min(8);
+        Ok(Self { points, tree, expected: None, domain, probes: Vec::new(), radius, levels })
     }
 
     /// Neighbours of a point, itself included; 0 where they are not counted.
     pub(super) fn mean_neighbors(&self) -> f64 {
         self.expected.as_ref().map_or(0.0, Expected::mean)
+    }
+
+    /// Nodes of the tree.
+    pub(crate) fn nodes(&self) -> usize {
+        self.tree.nodes().len()
     }
 
     fn settings(&self) -> OctreeSettings {
@@ -173,18 +184,7 @@ fn on_gpu(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Result<Measur
             answers::check_order(case, &gpu.read(&order)?)?;
             measured
         }
-        Chart::Octree => {
-            let mut builder = OctreeBuilder::new(gpu, n, &case.settings())?;
-            let built = || {
-                let tree = builder.build(&points)?;
-                let stages = NeighborSearch::build_stages(&tree);
-                Ok((tree, stages))
-            };
-            let (tree, measured) = repeat(effort, built)?;
-            drop(points);
-            answers::check_tree(case, &tree.read()?)?;
-            measured
-        }
+        Chart::Octree => build_on_gpu(gpu, case, points, effort)?.0,
         Chart::PostOrder => {
             let tree = GpuDenseOctree::build(gpu, &case.points, &case.dense_settings())?;
             let numbered = || {
@@ -220,6 +220,25 @@ fn on_gpu(gpu: &Gpu, case: &Case, chart: Chart, effort: Effort) -> Result<Measur
             measured
         }
     })
+}
+
+/// Construction of the octree of points on the device, with its bytes and the largest number of bytes held there meanwhile.
+pub(crate) fn build_on_gpu(
+    gpu: &Gpu,
+    case: &Case,
+    points: Buffer<DevicePoint>,
+    effort: Effort,
+) -> Result<(Measured, u64, u64)> {
+    let mut builder = OctreeBuilder::new(gpu, points.len(), &case.settings())?;
+    let (tree, measured, peak_bytes) = peaked(gpu, effort, || {
+        let tree = builder.build(&points)?;
+        let stages = NeighborSearch::build_stages(&tree);
+        Ok((tree, stages))
+    })?;
+    // Reading back needs the memory.
+    drop((builder, points));
+    answers::check_tree(case, &tree.read()?)?;
+    Ok((measured, NeighborSearch::memory_bytes(&tree), peak_bytes))
 }
 
 /// From host memory and back.

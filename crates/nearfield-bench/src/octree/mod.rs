@@ -11,7 +11,7 @@
 
 mod answers;
 mod chart;
-mod method;
+pub(crate) mod method;
 
 use std::path::PathBuf;
 

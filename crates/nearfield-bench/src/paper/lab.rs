@@ -74,6 +74,21 @@ impl Lab {
         })
     }
 
+    /// Around a device that is open, for those who write no files: of the paper's numbers times `scale`, within so many seconds.
+    ///
+    /// # Errors
+    /// What opening the CPU returns.
+    pub(crate) fn around(machine: &Machine, scale: f64, budget: f64) -> Result<Self> {
+        Ok(Self {
+            gpu: matches!(machine.device, Device::Gpu(_)).then(|| machine.clone()),
+            cpu: Machine::open(&DeviceChoice::Cpu)?,
+            scale,
+            budget,
+            begin: Cell::new(Instant::now()),
+            folder: PathBuf::new(),
+        })
+    }
+
     /// A file in the folder.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)

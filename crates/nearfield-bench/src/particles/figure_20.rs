@@ -57,7 +57,11 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
     Ok(sheet.into_rows())
 }
 
-fn of_radius(lab: &Lab, rule: PairRule, r_over_l: f64) -> Result<Case> {
+/// The scene with this rule for pairs and smallest radius by the diagonal.
+///
+/// # Errors
+/// As [`builtin_scene`].
+pub(crate) fn of_radius(lab: &Lab, rule: PairRule, r_over_l: f64) -> Result<Case> {
     let particles = Some(u32::try_from(lab.points(FIGURE_20_PARTICLES))?);
     let options =
         BuiltinOptions { particles, pair_rule: Some(rule), radius: Some(r_over_l), ..BuiltinOptions::default() };

@@ -66,7 +66,11 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
     Ok(sheet.into_rows())
 }
 
-fn of_model(lab: &Lab, name: &str, model: FluidModel, particles: usize) -> Result<Case> {
+/// A built-in scene of a fluid with about so many particles, times the scale.
+///
+/// # Errors
+/// As [`builtin_scene`].
+pub(crate) fn of_model(lab: &Lab, name: &str, model: FluidModel, particles: usize) -> Result<Case> {
     let options = BuiltinOptions {
         particles: Some(u32::try_from(lab.points(particles))?),
         model: Some(model),
@@ -78,7 +82,10 @@ fn of_model(lab: &Lab, name: &str, model: FluidModel, particles: usize) -> Resul
 }
 
 /// Times a run; its fluid must stay a fluid.
-fn run(lab: &Lab, case: &Case, way: Way, seconds: f64, row: Row) -> Result<(Row, Timed)> {
+///
+/// # Errors
+/// As the simulation; a wrong answer.
+pub(crate) fn run(lab: &Lab, case: &Case, way: Way, seconds: f64, row: Row) -> Result<(Row, Timed)> {
     let timed = timing::run(lab, way, &case.scene, case.steps, 0.8 * seconds)?;
     check::sane(&timed.end)?;
     if !(timed.density_error < MOST_COMPRESSION) {

@@ -27,13 +27,7 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
     let all: Vec<(bool, usize)> = on_gpu.iter().map(|&n| (true, n)).chain(on_cpu.iter().map(|&n| (false, n))).collect();
     let mut pace = Pace::new(lab, all.len() * searches.len());
     for (on_gpu, size) in all {
-        let case = Case {
-            scene: case::scene("dem-box", lab.points(size))?,
-            paper_particles: size,
-            setting: String::new(),
-            r_over_l: 0.0,
-            steps: case::steps(lab, STEPS),
-        };
+        let case = of_size(lab, size)?;
         let mut shared = Shared::default();
         for &search in &searches {
             let (way, seconds) = (Way { search, on_gpu }, pace.next_share());
@@ -56,6 +50,20 @@ pub fn measure(lab: &Lab) -> Result<Vec<Row>> {
         }
     }
     Ok(sheet.into_rows())
+}
+
+/// The sample's lattice of about so many grains, times the scale.
+///
+/// # Errors
+/// As the built-in scene.
+pub(crate) fn of_size(lab: &Lab, size: usize) -> Result<Case> {
+    Ok(Case {
+        scene: case::scene("dem-box", lab.points(size))?,
+        paper_particles: size,
+        setting: String::new(),
+        r_over_l: 0.0,
+        steps: case::steps(lab, STEPS),
+    })
 }
 
 /// Bytes that a step with a uniform grid has to read and write at least.

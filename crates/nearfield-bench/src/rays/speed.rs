@@ -1,8 +1,9 @@
 //! The speed table: primary rays, bounces, shadow rays and all hits on the Stanford bunny, and the build of a large tree.
 
-use nearfield::HitRecord;
+use nearfield::{HitRecord, KdTreeSettings, Ray};
 
 use super::check::{Answer, Expected};
+use super::meshes::{Named, Source};
 use super::method::{self, Method, Scene};
 use super::rows::Row;
 use super::shots::{self, Question, Shots};
@@ -10,25 +11,44 @@ use super::{Lab, meshes, published};
 use crate::Result;
 
 /// Side of the picture.
-const SIDE: usize = 1024;
+pub(crate) const SIDE: usize = 1024;
+
+/// The Stanford bunny with its rays.
+pub(crate) struct Bunny {
+    pub(crate) named: Named,
+    pub(crate) scene: Scene,
+    /// One through every pixel.
+    pub(crate) primary: Vec<Ray>,
+    /// One off every hit of those.
+    pub(crate) bounces: Vec<Ray>,
+    /// One from every hit to a lamp.
+    pub(crate) shadows: Vec<Ray>,
+}
+
+impl Bunny {
+    /// In a picture with so many pixels a side.
+    pub(crate) fn new(source: &Source, tree: &KdTreeSettings, side: usize) -> Result<Self> {
+        let named = source.mesh(meshes::STANFORD)?;
+        let scene = Scene::new(&named.mesh, tree)?;
+        let primary = shots::primary(&named.mesh, side);
+        let hits: Vec<HitRecord> = {
+            let expected = Expected::of(&scene.triangles, &primary, Question::Closest)?;
+            let Answer::Closest(hits) = expected.answer() else { unreachable!("closest hits were asked") };
+            hits.clone()
+        };
+        let (triangles, space) = (scene.triangles.as_slice(), scene.triangles.space());
+        let bounces = shots::bounces(&primary, &hits, triangles, space.reach);
+        let shadows = shots::shadows(&primary, &hits, triangles, &nearfield::Aabb::new(space.min, space.max));
+        Ok(Self { named, scene, primary, bounces, shadows })
+    }
+}
 
 /// Measures everything.
 ///
 /// # Errors
 /// What a build or a cast returns; an answer that is wrong.
 pub fn measure(lab: &mut Lab) -> Result<()> {
-    let named = lab.source.mesh(meshes::STANFORD)?;
-    let scene = Scene::new(&named.mesh, &lab.tree)?;
-    let primary = shots::primary(&named.mesh, lab.side(SIDE));
-    let hits: Vec<HitRecord> = {
-        let expected = Expected::of(&scene.triangles, &primary, Question::Closest)?;
-        let Answer::Closest(hits) = expected.answer() else { unreachable!("closest hits were asked") };
-        hits.clone()
-    };
-    let triangles = scene.triangles.as_slice();
-    let bounds = nearfield::Aabb::new(scene.triangles.space().min, scene.triangles.space().max);
-    let bounces = shots::bounces(&primary, &hits, triangles, scene.triangles.space().reach);
-    let shadows = shots::shadows(&primary, &hits, triangles, &bounds);
+    let Bunny { named, scene, primary, bounces, shadows } = Bunny::new(&lab.source, &lab.tree, lab.side(SIDE))?;
     let sets = [
         Shots { name: "primary", question: Question::Closest, rays: primary.clone() },
         Shots { name: "diffuse bounces", question: Question::Closest, rays: bounces },

@@ -4,7 +4,7 @@
 //! iteration on a device against that on the CPU, and all samples for numbers.
 
 mod cgal;
-mod times;
+pub(crate) mod times;
 
 use std::path::PathBuf;
 

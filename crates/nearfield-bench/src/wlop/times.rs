@@ -1,5 +1,6 @@
 //! Times of all variants, transfers and trees included.
 
+use std::path::Path;
 use std::time::Instant;
 
 use nearfield::application::{
@@ -15,53 +16,81 @@ use crate::Result;
 use crate::provenance::{Device, Machine};
 
 /// The Kitten of Xing2017 has as many points.
-const KITTEN: usize = 137_098;
+pub(crate) const KITTEN: usize = 137_098;
 const SEED: u64 = 1;
 /// Part of the diagonal of the torus.
 const NOISE: f64 = 0.0005;
 
 /// What a run gave, and its milliseconds by the host's clock.
-struct Run {
-    samples: WlopSamples<f32>,
-    reports: Vec<WlopReport>,
-    milliseconds: f64,
+pub(crate) struct Run {
+    pub(crate) samples: WlopSamples<f32>,
+    pub(crate) reports: Vec<WlopReport>,
+    pub(crate) milliseconds: f64,
+}
+
+/// Points that are projected.
+pub(crate) struct Cloud {
+    pub(crate) points: Vec<Vec3>,
+    arrays: Vec<[f32; 3]>,
+    diagonal: f64,
+}
+
+impl Cloud {
+    /// Of a file, or of the noisy torus with so many points.
+    pub(crate) fn new(file: Option<&Path>, torus: usize) -> Result<Self> {
+        let points = match file {
+            Some(path) => read_cloud(path, None)?.points,
+            None => {
+                let mut points = cloud(CloudKind::Torus, torus, SEED).points;
+                add_noise(&mut points, NOISE * 4.04, SEED);
+                points
+            }
+        };
+        let arrays: Vec<[f32; 3]> = points.iter().map(Vec3::to_array).collect();
+        let diagonal = diagonal(&AabbTreeN::build(&arrays, &AabbTreeNSettings::default())?);
+        Ok(Self { points, arrays, diagonal })
+    }
+
+    /// All iterations towards so many samples, on the GPU after a check of the first one; with the radius.
+    ///
+    /// # Errors
+    /// As the projection; iterations that were not made, and samples that are wrong or no numbers.
+    pub(crate) fn project(&self, gpu: Option<&Gpu>, count: usize, settings: &WlopSettings) -> Result<(f32, Run)> {
+        let (radius, run) = match gpu {
+            None => on_cpu(&self.arrays, count, settings)?,
+            Some(gpu) => {
+                check_first_iteration(gpu, (&self.points, &self.arrays), count, settings, self.diagonal)?;
+                on_gpu(gpu, &self.points, count, settings)?
+            }
+        };
+        if run.reports.len() != settings.iterations as usize {
+            return Err(format!("{}: {} iterations were made", settings.variant, run.reports.len()).into());
+        }
+        if !run.samples.positions.iter().flatten().all(|x| x.is_finite()) {
+            return Err(format!("{}: samples that are no numbers", settings.variant).into());
+        }
+        Ok((radius, run))
+    }
 }
 
 pub(super) fn run(machine: &Machine, arguments: &Arguments) -> Result<()> {
-    let points = match &arguments.points {
-        Some(path) => read_cloud(path, None)?.points,
-        None => {
-            let mut points = cloud(CloudKind::Torus, KITTEN, SEED).points;
-            add_noise(&mut points, NOISE * 4.04, SEED);
-            points
-        }
-    };
-    let arrays: Vec<[f32; 3]> = points.iter().map(Vec3::to_array).collect();
-    let size = diagonal(&AabbTreeN::build(&arrays, &AabbTreeNSettings::default())?);
-    println!("{} points to {} samples, {} iterations\n", points.len(), arguments.count, arguments.iterations);
+    let cloud = Cloud::new(arguments.points.as_deref(), KITTEN)?;
+    println!("{} points to {} samples, {} iterations\n", cloud.points.len(), arguments.count, arguments.iterations);
     println!(
         "| variant | radius | points around | samples around | total | sample weights | X → P | X → X | variation |"
     );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    let gpu = match &machine.device {
+        Device::Cpu => None,
+        Device::Gpu(gpu) => Some(gpu),
+    };
     for variant in WlopVariant::ALL {
         let settings = WlopSettings {
             radius: arguments.spacings.map(Length::Spacings),
             tolerance: 0.0,
             ..WlopSettings::new(variant).iterations(arguments.iterations)
         };
-        let (radius, run) = match &machine.device {
-            Device::Cpu => on_cpu(&arrays, arguments.count, &settings)?,
-            Device::Gpu(gpu) => {
-                check_first_iteration(gpu, (&points, &arrays), arguments.count, &settings, size)?;
-                on_gpu(gpu, &points, arguments.count, &settings)?
-            }
-        };
-        if run.reports.len() != arguments.iterations as usize {
-            return Err(format!("{variant}: {} iterations were made", run.reports.len()).into());
-        }
-        if !run.samples.positions.iter().flatten().all(|x| x.is_finite()) {
-            return Err(format!("{variant}: samples that are no numbers").into());
-        }
+        let (radius, run) = cloud.project(gpu, arguments.count, &settings)?;
         row(variant, radius, &run)?;
     }
     Ok(())

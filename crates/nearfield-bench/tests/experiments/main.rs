@@ -1,5 +1,6 @@
 //! The experiments at a small scale: every method, column and reference value is there, plots and claims are made,
-//! a second run resumes, and a wrong answer stops a measurement. The charts of the poster have every method too.
+//! a second run resumes, and a wrong answer stops a measurement. The charts of the poster have every method too, the table of targets
+//! every row.
 
 mod applications;
 mod baselines;
@@ -10,6 +11,7 @@ mod octree;
 mod paper;
 #[path = "../../../nearfield/tests/support/mod.rs"]
 mod support;
+mod targets;
 
 use libtest_mimic::Arguments;
 
@@ -21,6 +23,7 @@ fn main() {
         baselines::trials(),
         paper::trials(),
         applications::trials(),
+        targets::trials(),
     ];
     libtest_mimic::run(&Arguments::from_args(), by_subject.into_iter().flatten().collect()).exit();
 }
