@@ -212,6 +212,43 @@ impl Expected {
     }
 }
 
+/// What the counts of some queries over the points themselves must be: for sets that are too large to be counted a second time.
+#[derive(Debug, Clone)]
+pub struct ExpectedOfSome {
+    points: usize,
+    /// A query, its smallest and its largest right count.
+    bounds: Vec<(usize, usize, usize)>,
+}
+
+impl ExpectedOfSome {
+    /// Of about so many queries, spread evenly over the points, by a plain loop in f64.
+    pub fn of(points: &[Vec3], radius: f32, queries: usize) -> Self {
+        let step = points.len().div_ceil(queries.max(1)).max(1);
+        let bounds = |query: usize| {
+            let [_, certain, possible, _] = rows_in_f64(points, points[query], radius);
+            (query, certain.len(), possible.len())
+        };
+        Self { points: points.len(), bounds: (0..points.len()).step_by(step).map(bounds).collect() }
+    }
+
+    /// Checks counts of all points by those of these queries.
+    ///
+    /// # Errors
+    /// Another number of counts; the first count that is wrong.
+    pub fn check_counts(&self, counts: &[u32]) -> Result<()> {
+        if counts.len() != self.points {
+            return Err(wrong(format!("{} counts, expected {}", counts.len(), self.points)));
+        }
+        for &(query, lowest, highest) in &self.bounds {
+            let count = counts[query];
+            if !(lowest..=highest).contains(&(count as usize)) {
+                return Err(wrong(format!("query {query} has {count} neighbours, expected {lowest} to {highest}")));
+            }
+        }
+        Ok(())
+    }
+}
+
 impl SampleRow {
     fn check(&self, found: &[u32]) -> Result<()> {
         let query = self.query;
@@ -315,6 +352,20 @@ mod tests {
         counts[3] += 1;
         counts[4] -= 1;
         assert!(expected.check_counts(&counts).is_err());
+    }
+
+    #[test]
+    fn counts_of_some_queries_are_those_of_all_and_a_planted_one_is_caught() {
+        let points = cloud(CloudKind::Uniform, 2000, 7).points;
+        let radius = 0.1;
+        let counts = UniformGrid::build(&points, &GridSettings::for_radius(radius)).expect("a grid");
+        let mut counts = counts.count(&FixedRadius::new(radius)).expect("counts").into_vec();
+        let some = ExpectedOfSome::of(&points, radius, 50);
+        assert_eq!(some.bounds.len(), 50);
+        some.check_counts(&counts).expect("right counts");
+        assert!(some.check_counts(&counts[1..]).is_err());
+        counts[40] += 1;
+        assert!(some.check_counts(&counts).is_err(), "one of every fortieth");
     }
 
     #[test]

@@ -4,12 +4,14 @@
 //! but wrong answer is ever reported. Times are medians after a warm-up; device times are the device's timestamps.
 
 pub mod applications;
+pub mod auto;
 pub mod baselines;
 pub mod check;
 pub mod curve;
 pub mod device;
 pub mod everyday;
 pub mod grid;
+pub mod growth;
 pub mod measure;
 pub mod octree;
 pub mod paper;

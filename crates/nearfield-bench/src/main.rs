@@ -6,7 +6,7 @@ use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
 use nearfield_bench::{
-    Result, applications, baselines, curve, device, everyday, grid, octree, paper, particles, primitives,
+    Result, applications, auto, baselines, curve, device, everyday, grid, growth, octree, paper, particles, primitives,
     rays, rivals, targets, wlop,
 };
 
@@ -22,10 +22,14 @@ struct Arguments {
 enum Command {
     /// The paper's applications: smoothing, resampling, distance fields and offsets by every search, with their quality
     Applications(applications::Arguments),
+    /// What auto builds for each set and question, beside every structure there is, and what its picks lose
+    Auto(auto::Arguments),
     /// Table of build, count and list on one device, beside the figures of other libraries.
     Device(device::Arguments),
     /// The experiments of Accel on its uniform grid: CSV files, plots and claims
     Grid(grid::Arguments),
+    /// Time a point from ten thousand to a hundred million points by every structure: CSV file, table and plot
+    Growth(growth::Arguments),
     /// The charts of the poster on curves and octrees: CSV file, plots and a table
     Octree(octree::Arguments),
     /// The experiments of the paper on moving points: CSV files, plots and a summary beside its figures
@@ -61,8 +65,10 @@ enum Command {
 fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Command::Applications(arguments) => applications::run(&arguments),
+        Command::Auto(arguments) => auto::run(&arguments),
         Command::Device(arguments) => device::run(&arguments),
         Command::Grid(arguments) => grid::run(&arguments),
+        Command::Growth(arguments) => growth::run(&arguments),
         Command::Octree(arguments) => octree::run(&arguments),
         Command::Paper(arguments) => paper::run(&arguments),
         Command::Particles(arguments) => particles::run(&arguments),

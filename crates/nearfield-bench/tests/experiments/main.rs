@@ -3,10 +3,12 @@
 //! every row.
 
 mod applications;
+mod auto;
 mod baselines;
 mod device_table;
 mod folder;
 mod grid;
+mod growth;
 mod octree;
 mod paper;
 #[path = "../../../nearfield/tests/support/mod.rs"]
@@ -18,11 +20,13 @@ use libtest_mimic::Arguments;
 fn main() {
     let by_subject = [
         grid::trials(),
+        growth::trials(),
         device_table::trials(),
         octree::trials(),
         baselines::trials(),
         paper::trials(),
         applications::trials(),
+        auto::trials(),
         targets::trials(),
     ];
     libtest_mimic::run(&Arguments::from_args(), by_subject.into_iter().flatten().collect()).exit();
