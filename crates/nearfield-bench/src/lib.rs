@@ -7,6 +7,7 @@ pub mod applications;
 pub mod auto;
 pub mod baselines;
 pub mod check;
+pub mod clocks;
 pub mod curve;
 pub mod device;
 pub mod everyday;

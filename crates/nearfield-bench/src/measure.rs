@@ -4,12 +4,12 @@ use std::time::Instant;
 
 use nearfield::query::{Clock, Stage};
 
-use crate::Result;
+use crate::{Result, clocks};
 
 /// How often a measurement is repeated.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
-    /// Seconds of untimed runs before, at least one run: a device that was idle raises its clocks only under load.
+    /// Seconds of untimed runs before, after one run and after the clocks of a card were raised; 0 for one run alone.
     pub warm_up: f64,
     /// Timed runs wanted.
     pub runs: usize,
@@ -65,8 +65,11 @@ pub struct Measured {
 /// # Errors
 /// What `run` returns.
 pub fn repeat<T>(effort: Effort, mut run: impl FnMut() -> Result<(T, Vec<Stage>)>) -> Result<(T, Measured)> {
-    let warming = Instant::now();
     let (mut answer, _) = run()?;
+    if effort.warm_up > 0.0 {
+        clocks::raise()?;
+    }
+    let warming = Instant::now();
     while warming.elapsed().as_secs_f64() < effort.warm_up {
         drop(answer);
         answer = run()?.0;

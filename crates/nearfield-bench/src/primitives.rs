@@ -12,6 +12,8 @@ use nearfield::parallel::scan::{self, GpuScan};
 use nearfield::{Result, Vec3};
 use rayon::prelude::*;
 
+use crate::clocks;
+
 /// Timed runs of a row, after others for `WARM_UP`, as cards that were idle
 /// raise their clocks only under load; fewer where they take longer than `LONGEST`.
 const RUNS: usize = 20;
@@ -187,6 +189,11 @@ impl<K: BenchKey> SortCase<K> {
         plan.record_from(commands, keys, Some(values), sorted_keys, sorted_values, self.keys.len(), bits.clone())
     }
 
+    /// Waits for what was submitted.
+    pub(crate) fn wait(&self, gpu: &Gpu) -> Result<()> {
+        Ok(gpu.read_range(&self.sorted.1, 0..1).map(drop)?)
+    }
+
     /// Checks what the last sort by these bits left.
     pub(crate) fn check(&self, gpu: &Gpu, bits: &Range<u32>) -> Result<()> {
         check_sorted(&self.keys, bits, &gpu.read(&self.sorted.0)?, &gpu.read(&self.sorted.1)?)
@@ -230,8 +237,9 @@ pub(crate) fn clocked(work: impl FnOnce()) -> Result<f64> {
 }
 
 pub(crate) fn median(mut run: impl FnMut() -> Result<f64>) -> Result<f64> {
-    let warming = Instant::now();
     run()?;
+    clocks::raise()?;
+    let warming = Instant::now();
     while warming.elapsed() < WARM_UP {
         run()?;
     }

@@ -3,7 +3,7 @@
 use nearfield::gpu::{AdapterKind, DeviceChoice, Gpu};
 use nearfield::{BruteForce, NeighborSearch};
 
-use crate::Result;
+use crate::{Result, clocks};
 
 /// The commit this program was built from.
 pub const COMMIT: &str = env!("NEARFIELD_BENCH_COMMIT");
@@ -40,6 +40,7 @@ impl Machine {
         Ok(match choice.resolve()? {
             Some(adapter) => {
                 let device = Device::Gpu(Gpu::open_adapter(&adapter)?);
+                clocks::raise_those_of(&adapter)?;
                 Self { device, name: adapter.name, driver: adapter.driver, host }
             }
             None => {
