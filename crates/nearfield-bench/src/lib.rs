@@ -24,6 +24,7 @@ pub mod rays;
 pub mod rivals;
 pub mod sets;
 pub mod targets;
+pub mod transfers;
 pub mod wlop;
 
 /// Any failure: the library's, a file's, or an answer that [`check`] refuses.

@@ -50,6 +50,16 @@ impl Machine {
         })
     }
 
+    /// A context of its own on the same adapter.
+    ///
+    /// # Errors
+    /// `NoDevice` where there is none any more, or the machine is a CPU.
+    pub fn reopen(&self) -> Result<Gpu> {
+        let adapter = nearfield::gpu::adapters().into_iter().find(|a| a.name == self.name && a.driver == self.driver);
+        let gone = || nearfield::Error::NoDevice { asked: self.name.clone(), found: Vec::new() };
+        Ok(Gpu::open_adapter(&adapter.ok_or_else(gone)?)?)
+    }
+
     /// Whether the device is a GPU in hardware.
     pub fn is_hardware_gpu(&self) -> bool {
         matches!(&self.device, Device::Gpu(gpu) if gpu.kind() != AdapterKind::Software)

@@ -3,6 +3,7 @@
 use std::sync::{Arc, OnceLock, mpsc};
 
 use super::buffer::Accounted;
+use super::read_back::{Destination, ReadBack};
 use super::{Buffer, DeviceElement, Gpu, Pipeline};
 use crate::{Error, Result};
 
@@ -56,7 +57,16 @@ pub struct Commands {
     gpu: Gpu,
     label: &'static str,
     stages: Vec<Stage>,
+    reads: Vec<Arc<Destination>>,
     error: Option<Error>,
+}
+
+/// Work that is recorded once and submitted again and again: bindings are made once.
+pub struct Recorded {
+    gpu: Gpu,
+    label: &'static str,
+    stages: Vec<Stage>,
+    reads: Vec<Arc<Destination>>,
 }
 
 struct Stage {
@@ -81,6 +91,11 @@ enum Step {
         destination: Bind,
         bytes: u64,
     },
+    /// Into staging memory.
+    ReadBack {
+        source: Bind,
+        destination: Arc<Destination>,
+    },
 }
 
 impl Step {
@@ -90,6 +105,7 @@ impl Step {
             Self::Dispatch { groups, .. } => (None, None, &groups[..]),
             Self::Clear { buffer, .. } => (Some(buffer), None, &[][..]),
             Self::Copy { source, destination, .. } => (Some(source), Some(destination), &[][..]),
+            Self::ReadBack { source, .. } => (Some(source), None, &[][..]),
         };
         groups.iter().flatten().chain(first).chain(second)
     }
@@ -98,7 +114,7 @@ impl Step {
 impl Gpu {
     /// Starts recording.
     pub fn commands(&self, label: &'static str) -> Commands {
-        Commands { gpu: self.clone(), label, stages: Vec::new(), error: None }
+        Commands { gpu: self.clone(), label, stages: Vec::new(), reads: Vec::new(), error: None }
     }
 }
 
@@ -182,6 +198,19 @@ impl Commands {
         self
     }
 
+    /// Copies all of `buffer` to the host, as it is at this place of the recording. The values can be had once the work was submitted, and cost no
+    /// submission of their own. For small buffers: as much staging memory is held for as long as the answer lives.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory` for the staging memory, `DeviceLost`.
+    pub fn read_back<T: DeviceElement>(&mut self, buffer: &Buffer<T>) -> Result<ReadBack<T>> {
+        let read = ReadBack::new(&self.gpu, buffer)?;
+        let destination = Arc::clone(read.destination());
+        self.reads.push(Arc::clone(&destination));
+        self.step(Step::ReadBack { source: buffer.into(), destination });
+        Ok(read)
+    }
+
     /// Submits without waiting; later reads see the results.
     ///
     /// # Errors
@@ -195,18 +224,32 @@ impl Commands {
     ///
     /// # Errors
     /// As [`Commands::submit`]. Repetitions before the one that fails may have been submitted: what they write is then undefined.
-    pub fn submit_repeated(mut self, times: u32) -> Result<()> {
+    pub fn submit_repeated(self, times: u32) -> Result<()> {
+        let recorded = self.record()?;
+        match times {
+            0 => Ok(()),
+            1 => recorded.submit(),
+            _ => {
+                let submission = submit_parts(&recorded.gpu, recorded.label, &recorded.stages, times)?;
+                recorded.gpu.checked(recorded.label, 0, || {
+                    recorded.reads.iter().for_each(|read| read.submitted(&submission));
+                })
+            }
+        }
+    }
+
+    /// Ends the recording, to submit it again and again.
+    ///
+    /// # Errors
+    /// `Device` for buffers of another context, `LengthMismatch`, `Unsupported`: what was wrong with a step.
+    pub fn record(mut self) -> Result<Recorded> {
         if let Some(error) = self.error.take() {
             return Err(error);
         }
         // Without times to take, all dispatches between two copies are one pass.
-        let (name, steps) = (self.label, self.stages.drain(..).flat_map(|stage| stage.steps).collect());
-        self.stages = vec![Stage { name, steps }];
-        match times {
-            0 => Ok(()),
-            1 => self.encode_and_submit(false).map(drop),
-            _ => submit_parts(&self.gpu, self.label, &self.stages, times),
-        }
+        let steps = self.stages.drain(..).flat_map(|stage| stage.steps).collect();
+        let stages = vec![Stage { name: self.label, steps }];
+        Ok(Recorded { gpu: self.gpu, label: self.label, stages, reads: self.reads })
     }
 
     /// Submits, waits, and returns the time of every stage; none where there is no memory to read them back.
@@ -214,62 +257,115 @@ impl Commands {
     /// # Errors
     /// As [`Commands::submit`]. After `OutOfDeviceMemory` nothing was run.
     pub fn run(self) -> Result<Vec<StageTime>> {
-        let (gpu, label) = (self.gpu.clone(), self.label);
-        let names: Vec<&'static str> = self.stages.iter().map(|s| s.name).collect();
-        let (submission, ticks) = self.encode_and_submit(true)?;
-        let ticks = match ticks.map(|ticks| gpu.read(&ticks)).transpose() {
-            // The work is done, or about to be: what fails is the copy of its times.
-            Err(Error::OutOfDeviceMemory { .. }) => None,
-            read => read?,
-        };
-        let Some(ticks) = ticks else {
-            gpu.wait(label, submission)?;
-            return Ok(names.into_iter().map(|name| StageTime { name, milliseconds: None }).collect());
-        };
-        let period = f64::from(gpu.limits().timestamp_period.unwrap_or(1.0));
-        let time = |pair: &[u64]| Some(pair[1].saturating_sub(pair[0]) as f64 * period * 1e-6);
-        Ok(names
-            .into_iter()
-            .zip(ticks.chunks_exact(2))
-            .map(|(name, pair)| StageTime { name, milliseconds: time(pair) })
-            .collect())
-    }
-
-    /// Submits once, with ticks around each stage if they are wanted and can be had.
-    #[allow(clippy::type_complexity, reason = "private, and both parts are named where they are used")]
-    fn encode_and_submit(self, timed: bool) -> Result<(wgpu::SubmissionIndex, Option<Buffer<u64>>)> {
-        if let Some(error) = self.error {
+        let Self { gpu, label, stages, reads, error } = self;
+        if let Some(error) = error {
             return Err(error);
         }
-        let Self { gpu, label, stages, .. } = self;
-        let n_ticks = 2 * stages.len();
-        let timed = timed && gpu.limits().timestamp_period.is_some() && (1..=MOST_TIMED_STAGES).contains(&stages.len());
-        let ticks: Option<Buffer<u64>> = timed.then(|| gpu.query_buffer("stage timestamps", n_ticks)).transpose()?;
-        let submission = gpu.checked(label, 0, || {
-            let device = gpu.device();
-            let query_set = ticks.as_ref().map(|_| {
-                device.create_query_set(&wgpu::QuerySetDescriptor {
-                    label: Some(label),
-                    ty: wgpu::QueryType::Timestamp,
-                    count: n_ticks as u32,
-                })
-            });
-            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
-            for (number, stage) in stages.iter().enumerate() {
-                encode_stage(&gpu, &mut encoder, stage, query_set.as_ref().map(|set| (set, 2 * number as u32)));
-            }
-            if let (Some(set), Some(buffer)) = (&query_set, &ticks) {
-                encoder.resolve_query_set(set, 0..n_ticks as u32, buffer.raw(), 0);
-            }
-            gpu.queue().submit([encoder.finish()])
-        })?;
-        Ok((submission, ticks))
+        let ticks = Ticks::new(&gpu, stages.len())?;
+        let submission = encode_and_submit(&gpu, label, &stages, &reads, ticks.as_ref())?;
+        gpu.wait(label, submission)?;
+        let times = ticks.map(|ticks| ticks.milliseconds(&gpu)).transpose()?;
+        let time = |(i, stage): (usize, &Stage)| StageTime {
+            name: stage.name,
+            milliseconds: times.as_ref().and_then(|times| times.get(i)).copied(),
+        };
+        Ok(stages.iter().enumerate().map(time).collect())
     }
+}
+
+impl Recorded {
+    /// Submits without waiting; later reads see the results. Values of an earlier submission that were not taken are lost.
+    ///
+    /// # Errors
+    /// As [`Commands::submit`].
+    pub fn submit(&self) -> Result<()> {
+        encode_and_submit(&self.gpu, self.label, &self.stages, &self.reads, None).map(drop)
+    }
+}
+
+impl std::fmt::Debug for Recorded {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Recorded({})", self.label)
+    }
+}
+
+/// Timestamps of stages, read back with the work that they time.
+struct Ticks {
+    query_set: wgpu::QuerySet,
+    resolved: Buffer<u64>,
+    read: ReadBack<u64>,
+}
+
+impl Ticks {
+    /// For so many stages; `None` where they cannot be timed, or there is no memory to read the ticks back.
+    fn new(gpu: &Gpu, n_stages: usize) -> Result<Option<Self>> {
+        if gpu.limits().timestamp_period.is_none() || !(1..=MOST_TIMED_STAGES).contains(&n_stages) {
+            return Ok(None);
+        }
+        let resolved = gpu.query_buffer("stage timestamps", 2 * n_stages)?;
+        let read = match ReadBack::new(gpu, &resolved) {
+            Err(Error::OutOfDeviceMemory { .. }) => return Ok(None),
+            made => made?,
+        };
+        let descriptor = wgpu::QuerySetDescriptor {
+            label: Some("stage timestamps"),
+            ty: wgpu::QueryType::Timestamp,
+            count: 2 * n_stages as u32,
+        };
+        let query_set = gpu.checked("stage timestamps", 0, || gpu.device().create_query_set(&descriptor))?;
+        Ok(Some(Self { query_set, resolved, read }))
+    }
+
+    /// Records the copy of all ticks.
+    fn encode(&self, encoder: &mut wgpu::CommandEncoder) {
+        let n = self.resolved.len() as u32;
+        encoder.resolve_query_set(&self.query_set, 0..n, self.resolved.raw(), 0);
+        self.read.destination().encode(encoder, self.resolved.raw());
+    }
+
+    /// Milliseconds of each stage, once the work is done.
+    fn milliseconds(&self, gpu: &Gpu) -> Result<Vec<f64>> {
+        let period = f64::from(gpu.limits().timestamp_period.unwrap_or(1.0));
+        let time = |pair: &[u64]| pair[1].saturating_sub(pair[0]) as f64 * period * 1e-6;
+        Ok(self.read.values()?.chunks_exact(2).map(time).collect())
+    }
+}
+
+/// Submits once, with ticks around each stage if they are given.
+fn encode_and_submit(
+    gpu: &Gpu,
+    label: &'static str,
+    stages: &[Stage],
+    reads: &[Arc<Destination>],
+    ticks: Option<&Ticks>,
+) -> Result<wgpu::SubmissionIndex> {
+    for read in reads {
+        read.begin();
+    }
+    let submission = gpu.checked(label, 0, || {
+        let device = gpu.device();
+        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
+        for (number, stage) in stages.iter().enumerate() {
+            encode_stage(gpu, &mut encoder, stage, ticks.map(|ticks| (&ticks.query_set, 2 * number as u32)));
+        }
+        if let Some(ticks) = ticks {
+            ticks.encode(&mut encoder);
+        }
+        gpu.queue().submit([encoder.finish()])
+    })?;
+    if !reads.is_empty() || ticks.is_some() {
+        gpu.checked(label, 0, || {
+            for read in reads.iter().chain(ticks.map(|ticks| ticks.read.destination())) {
+                read.submitted(&submission);
+            }
+        })?;
+    }
+    Ok(submission)
 }
 
 /// Submits so many repetitions in parts, one after the other. The device works on some while threads make the next ones ready: one thread
 /// takes longer for a part of small kernels than the device does.
-fn submit_parts(gpu: &Gpu, label: &'static str, stages: &[Stage], times: u32) -> Result<()> {
+fn submit_parts(gpu: &Gpu, label: &'static str, stages: &[Stage], times: u32) -> Result<wgpu::SubmissionIndex> {
     let parts = times.div_ceil(TOGETHER) as usize;
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get().min(ENCODERS)).min(parts);
     let encode = |part: usize| {
@@ -294,15 +390,16 @@ fn submit_parts(gpu: &Gpu, label: &'static str, stages: &[Stage], times: u32) ->
             };
             let ready: Vec<mpsc::Receiver<Result<wgpu::CommandBuffer>>> =
                 if threads > 1 { (0..threads).map_while(spawn).collect() } else { Vec::new() };
+            let mut last = None;
             for part in 0..parts {
                 // A thread that could not be had leaves its parts to this one.
                 let encoded = match ready.get(part % threads) {
                     Some(receiver) => receiver.recv().unwrap_or_else(|_| encode(part)),
                     None => encode(part),
                 };
-                gpu.queue().submit([encoded?]);
+                last = Some(gpu.queue().submit([encoded?]));
             }
-            Ok(())
+            Ok(last.expect("there should be a part"))
         })
     };
     gpu.checked(label, 0, submit)?
@@ -367,6 +464,7 @@ fn copies(encoder: &mut wgpu::CommandEncoder, steps: &[Step]) {
             Step::Copy { source, offset, destination, bytes } => {
                 encoder.copy_buffer_to_buffer(&source.raw, *offset, &destination.raw, 0, *bytes);
             }
+            Step::ReadBack { source, destination } => destination.encode(encoder, &source.raw),
             Step::Dispatch { .. } => {}
         }
     }

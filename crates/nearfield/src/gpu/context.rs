@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::pipeline::Pipeline;
 use super::pool::Pool;
@@ -11,7 +11,9 @@ use super::{Adapter, AdapterKind, DeviceChoice};
 use crate::{Error, Result};
 
 /// How long one submission may take before the device counts as hanging.
-const WAIT_LIMIT: Duration = Duration::from_secs(600);
+pub(super) const WAIT_LIMIT: Duration = Duration::from_secs(600);
+/// How long a hardware GPU is asked again and again whether it is done, before the thread goes to sleep: waking up takes some 30 µs.
+const SPIN: Duration = Duration::from_micros(200);
 
 /// An open GPU. Cheap to clone; clones share the device.
 #[derive(Clone)]
@@ -272,8 +274,20 @@ impl Gpu {
     /// # Errors
     /// `DeviceLost`; `Device` where the submission takes longer than ten minutes.
     pub(super) fn wait(&self, operation: &str, submission: wgpu::SubmissionIndex) -> Result<()> {
-        let poll = wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_LIMIT) };
-        let outcome = self.inner.device.poll(poll);
+        let ask = |timeout| {
+            let submission_index = Some(submission.clone());
+            self.inner.device.poll(wgpu::PollType::Wait { submission_index, timeout: Some(timeout) })
+        };
+        // A software renderer needs the core for itself.
+        let spin = if self.inner.kind == AdapterKind::Software { Duration::ZERO } else { SPIN };
+        let start = Instant::now();
+        let mut outcome = Err(wgpu::PollError::Timeout);
+        while matches!(outcome, Err(wgpu::PollError::Timeout)) && start.elapsed() < spin {
+            outcome = ask(Duration::ZERO);
+        }
+        if matches!(outcome, Err(wgpu::PollError::Timeout)) {
+            outcome = ask(WAIT_LIMIT);
+        }
         self.check_lost()?;
         outcome
             .map(drop)

@@ -8,15 +8,21 @@ mod adapter;
 mod buffer;
 mod commands;
 mod context;
+mod copies;
+mod host_memory;
 mod pipeline;
 mod pool;
+mod read_back;
 pub mod shader;
+mod staging;
+mod transfer;
 
 pub use adapter::{Adapter, AdapterKind, DeviceChoice, adapters};
 pub use buffer::{Buffer, DeviceElement};
-pub use commands::{Bind, Commands, StageTime, Workgroups};
+pub use commands::{Bind, Commands, Recorded, StageTime, Workgroups};
 #[doc(hidden)]
 pub use context::SOFTWARE_LOOP_ROUNDS;
 pub use context::{Gpu, GpuLimits};
 pub use pipeline::{Access, Kernel, Pipeline};
+pub use read_back::ReadBack;
 pub use wgpu;

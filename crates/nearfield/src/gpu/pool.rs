@@ -1,12 +1,14 @@
 //! Buffers that are not used any more, kept for the next ones of about their size: making and clearing device memory
-//! takes longer than many kernels.
+//! takes longer than many kernels, and the first touch of staging memory longer than a copy through it.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use wgpu::BufferUsages;
+use wgpu::{BufferUsages, SubmissionIndex};
 
-/// Bytes kept at most.
+/// Bytes kept at most, without staging memory.
 const MOST_BYTES: u64 = 4 << 30;
+/// Bytes of staging memory kept at most: what a read and a write of any length take, and some small ones.
+const MOST_STAGING_BYTES: u64 = 96 << 20;
 
 /// A kept buffer serves if it is at most a quarter larger than needed, or one page.
 fn serves(kept: u64, needed: u64) -> bool {
@@ -17,6 +19,7 @@ fn serves(kept: u64, needed: u64) -> bool {
 #[derive(Debug, Default)]
 pub(super) struct Pool {
     kept: Mutex<Vec<Kept>>,
+    staging: Mutex<Vec<KeptStaging>>,
 }
 
 #[derive(Debug)]
@@ -25,7 +28,20 @@ struct Kept {
     buffer: wgpu::Buffer,
 }
 
+/// Staging memory, not mapped.
+#[derive(Debug)]
+struct KeptStaging {
+    usage: BufferUsages,
+    buffer: wgpu::Buffer,
+    /// The last submission that uses it, which may still run.
+    last_use: Option<SubmissionIndex>,
+}
+
 impl Pool {
+    fn staging(&self) -> MutexGuard<'_, Vec<KeptStaging>> {
+        self.staging.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn kept(&self) -> MutexGuard<'_, Vec<Kept>> {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -50,14 +66,39 @@ impl Pool {
         kept.drain(..leaving);
     }
 
+    /// Kept staging memory of exactly these usages and this size, with the last submission that uses it: of those kept, the one that
+    /// was used first.
+    pub(super) fn take_staging(
+        &self,
+        size: u64,
+        usage: BufferUsages,
+    ) -> Option<(wgpu::Buffer, Option<SubmissionIndex>)> {
+        let mut staging = self.staging();
+        let position = staging.iter().position(|k| k.usage == usage && k.buffer.size() == size)?;
+        let KeptStaging { buffer, last_use, .. } = staging.remove(position);
+        Some((buffer, last_use))
+    }
+
+    /// Keeps staging memory that is not mapped; the oldest makes way.
+    pub(super) fn keep_staging(&self, buffer: wgpu::Buffer, usage: BufferUsages, last_use: Option<SubmissionIndex>) {
+        let mut staging = self.staging();
+        staging.push(KeptStaging { usage, buffer, last_use });
+        let mut bytes: u64 = staging.iter().map(|k| k.buffer.size()).sum();
+        while bytes > MOST_STAGING_BYTES {
+            bytes -= staging.remove(0).buffer.size();
+        }
+    }
+
     /// Bytes kept.
     pub(super) fn bytes(&self) -> u64 {
-        self.kept().iter().map(|k| k.buffer.size()).sum()
+        let staging: u64 = self.staging().iter().map(|k| k.buffer.size()).sum();
+        staging + self.kept().iter().map(|k| k.buffer.size()).sum::<u64>()
     }
 
     /// Gives all kept memory back to the device.
     pub(super) fn clear(&self) {
         self.kept().clear();
+        self.staging().clear();
     }
 }
 

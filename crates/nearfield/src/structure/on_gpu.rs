@@ -109,9 +109,20 @@ pub trait GpuStructure: Sync {
     fn memory_bytes(&self) -> u64;
 }
 
-/// Points as the kernels take them, in the caller's order, numbered from `first`.
-pub(crate) fn device_points(points: &[Vec3], first: u32) -> Vec<DevicePoint> {
-    use rayon::prelude::*;
-    let pack = |(i, p): (usize, &Vec3)| [p.x, p.y, p.z, f32::from_bits(first + i as u32)];
-    points.par_iter().enumerate().with_min_len(1 << 14).map(pack).collect()
+/// Points on the device as the kernels take them, in the caller's order, numbered from `first`.
+///
+/// # Errors
+/// As [`Gpu::upload`].
+pub(crate) fn upload_points(
+    gpu: &Gpu,
+    label: &'static str,
+    points: &[Vec3],
+    first: u32,
+) -> Result<Buffer<DevicePoint>> {
+    gpu.upload_with(label, points.len(), device_point(points, first))
+}
+
+/// Point i as the kernels take it, numbered from `first`.
+pub(crate) fn device_point(points: &[Vec3], first: u32) -> impl Fn(usize) -> DevicePoint + Sync {
+    move |i| [points[i].x, points[i].y, points[i].z, f32::from_bits(first + i as u32)]
 }

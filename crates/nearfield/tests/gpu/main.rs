@@ -17,6 +17,7 @@ mod rows;
 #[path = "../support/mod.rs"]
 mod support;
 mod tiny_triangles;
+mod transfers;
 mod trees;
 mod visitors;
 
@@ -110,6 +111,7 @@ fn main() {
     trials.extend(grid_builds::trials());
     trials.extend(pairs::trials());
     trials.extend(rows::trials());
+    trials.extend(transfers::trials());
     trials.extend(trees::trials());
     trials.extend(knn_packs::trials());
     trials.extend(ray_trees::trials());

@@ -30,7 +30,12 @@ fn grid(gpu: &Gpu, points: &[Vec3]) -> Result<GpuUniformGrid> {
 
 /// Runs `work` with every one of its allocations refused in turn: it gives the right answer or `OutOfDeviceMemory`, and
 /// keeps no memory. `right` says what is wrong with an answer. Returns how many allocations were refused.
-fn refuse_each<T>(gpu: &Gpu, case: &str, work: impl Fn() -> Result<T>, right: impl Fn(&T) -> Option<String>) -> u32 {
+pub(crate) fn refuse_each<T>(
+    gpu: &Gpu,
+    case: &str,
+    work: impl Fn() -> Result<T>,
+    right: impl Fn(&T) -> Option<String>,
+) -> u32 {
     let used = gpu.memory_used();
     let mut refused = 0;
     for n in 0.. {

@@ -10,7 +10,7 @@ use crate::Result;
 use crate::application::Watch;
 use crate::application::finite_points::FinitePoints;
 use crate::gpu::{Access, Bind, Gpu, Kernel, Pipeline, Workgroups};
-use crate::structure::device_points;
+use crate::structure::upload_points;
 
 use Access::{Read, ReadWrite, Uniform};
 
@@ -53,7 +53,7 @@ pub fn farthest_points_on_gpu(
     let candidates = gpu.buffer::<[u32; 2]>("farthest points of parts", n_parts as usize)?;
     let samples = gpu.buffer::<[u32; 2]>("samples", count)?;
     let progress = gpu.upload("number of samples", &[1u32])?;
-    let uploaded = gpu.upload("points", &device_points(points, 0))?;
+    let uploaded = upload_points(gpu, "points", points, 0)?;
     let remoteness = gpu.upload("distances to samples", &vec![remoteness_of(f32::MAX); points.len()])?;
     gpu.write(&samples, 0, &[first])?;
 

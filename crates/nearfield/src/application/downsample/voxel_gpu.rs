@@ -12,7 +12,7 @@ use crate::application::finite_points::FinitePoints;
 use crate::gpu::{Access, Buffer, Gpu, Kernel, Pipeline, Workgroups};
 use crate::parallel::radix_sort::GpuRadixSort;
 use crate::parallel::scan::GpuScan;
-use crate::structure::device_points;
+use crate::structure::upload_points;
 use crate::{Error, Result};
 
 /// Invocations of a workgroup of the kernels.
@@ -86,7 +86,7 @@ pub fn voxel_downsample_on_gpu(
 
     watch.report("cells", 2, 3)?;
     let taken: Buffer<[f32; 4]> = gpu.buffer("points of cells", m)?;
-    let uploaded = gpu.upload("points", &device_points(points, 0))?;
+    let uploaded = upload_points(gpu, "points", points, 0)?;
     let which = match settings.point {
         VoxelPoint::Centroid => 0,
         VoxelPoint::Nearest => 1,

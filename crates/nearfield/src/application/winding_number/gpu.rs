@@ -9,7 +9,7 @@ use super::WindingNumber;
 use super::tree::{Elements, Node};
 use crate::geometry::validate;
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
-use crate::structure::{DevicePoint, device_points};
+use crate::structure::{DevicePoint, upload_points};
 use crate::{Error, Result};
 
 /// Invocations of a workgroup.
@@ -150,7 +150,7 @@ impl GpuWindingNumber {
     /// `NonFinite`, `CoordinateTooLarge`; as [`GpuWindingNumber::record`] and [`GpuWindingNumber::check`].
     pub fn at_each(&self, queries: &[Vec3]) -> Result<Vec<f32>> {
         validate::coordinates("queries", queries)?;
-        let on_device = self.gpu.upload("queries", &device_points(queries, 0))?;
+        let on_device = upload_points(&self.gpu, "queries", queries, 0)?;
         let numbers = self.gpu.buffer("winding numbers", queries.len())?;
         let mut commands = self.gpu.commands("winding numbers");
         self.record(&mut commands, &on_device, &numbers)?;

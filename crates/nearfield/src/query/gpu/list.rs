@@ -80,7 +80,7 @@ fn list_at_once<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> R
     })?;
     let mut report = list.report;
     let read = Instant::now();
-    let offsets = gpu.read(&list.offsets)?.into_par_iter().map(u64::from).collect();
+    let offsets = gpu.read_as(&list.offsets, u64::from)?;
     let indices = gpu.read(&list.indices)?;
     let dist2 = list.dist2.filter(|_| reads_distances(question, order));
     let distances = dist2.map(|dist2| gpu.read(&dist2)).transpose()?;

@@ -272,12 +272,11 @@ pub(super) fn list_on_device<S: GpuStructure>(
     if let Some(longest) = &longest {
         reduce.record_largest(&mut commands, &counts, n, longest)?;
     }
+    let sum = commands.read_back(&sum)?;
+    let longest = longest.map(|longest| commands.read_back(&longest)).transpose()?;
     let times = commands.run()?;
-    let total = gpu.read(&sum)?[0];
-    let longest_row = match longest {
-        Some(longest) => gpu.read(&longest)?[0],
-        None => 0,
-    };
+    let total = sum.values()?[0];
+    let longest_row = longest.map(|longest| longest.values()).transpose()?.map_or(0, |longest| longest[0]);
     let order = accept(ListSize { entries: total, longest_row })?;
     let mut report = report_two_passes(structure, order);
     queries.add_stages_to(&mut report);

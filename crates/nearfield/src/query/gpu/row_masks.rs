@@ -146,6 +146,8 @@ struct MaskSearch<'a, S> {
     masks: Masks,
     /// How many queries or pairs have more words than fit.
     overflowed: Buffer<u32>,
+    /// The same on the host, once the neighbours are found.
+    n_overflowed: u32,
     report: Report,
 }
 
@@ -166,6 +168,7 @@ impl<'a, S: GpuStructure> MaskSearch<'a, S> {
             queries,
             masks,
             overflowed: gpu.buffer("overflowed queries", 1)?,
+            n_overflowed: 0,
             report,
         })
     }
@@ -189,8 +192,10 @@ impl<'a, S: GpuStructure> MaskSearch<'a, S> {
         }
         commands.stage("scan");
         place(self, &mut commands, &sum)?;
+        let (sum, overflowed) = (commands.read_back(&sum)?, commands.read_back(&self.overflowed)?);
         super::answers::add_stages(&mut self.report, &commands.run()?);
-        let total = gpu.read(&sum)?[0];
+        let total = sum.values()?[0];
+        self.n_overflowed = overflowed.values()?[0];
         let available = gpu.limits().binding_bytes;
         if total * 4 > available {
             let what = format!("neighbour indices ({} rows)", self.counts.len());
@@ -229,7 +234,7 @@ impl<'a, S: GpuStructure> MaskSearch<'a, S> {
         let mut commands = gpu.commands("write rows");
         commands.stage("fill");
         self.record_expansion(&mut commands, starts, &indices)?;
-        if gpu.read(&self.overflowed)?[0] > 0 {
+        if self.n_overflowed > 0 {
             commands.stage("fill long rows");
             self.record_long_rows(&mut commands, &starts.by_query, &indices)?;
         }

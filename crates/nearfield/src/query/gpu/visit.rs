@@ -12,7 +12,7 @@ use crate::gpu::shader::Fill;
 use crate::gpu::{Access, AdapterKind, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, Workgroups};
 use crate::query::coherent::{Asking, BACK_TRAVERSE, CANDIDATES, Candidates, PACK};
 use crate::query::{FixedRadius, Queries, Radius, Report};
-use crate::structure::{DevicePoint, GpuStructure, device_points};
+use crate::structure::{DevicePoint, GpuStructure, upload_points};
 
 /// Invocations of a workgroup of the query kernel.
 const WORKGROUP: u32 = 128;
@@ -153,7 +153,7 @@ impl QueryBuffers {
         let (queries, own) = match question.queries {
             Queries::Points => (structure.points().clone(), true),
             // Packs have an order of their own.
-            Queries::Other(queries) => (structure.gpu().upload("queries", &device_points(queries, 0))?, false),
+            Queries::Other(queries) => (upload_points(structure.gpu(), "queries", queries, 0)?, false),
         };
         let radii = radii(structure, question, 0..question.len(structure.len()))?;
         Self::new(structure, question, (queries, radii), 0, own)
@@ -178,9 +178,7 @@ impl QueryBuffers {
     ) -> Result<Self> {
         let first_id = window.start as u32;
         let queries = match question.queries {
-            Queries::Other(queries) => {
-                structure.gpu().upload("queries", &device_points(&queries[window.clone()], first_id))?
-            }
+            Queries::Other(queries) => upload_points(structure.gpu(), "queries", &queries[window.clone()], first_id)?,
             Queries::Points => restored_points(structure, window.clone())?,
         };
         let radii = radii(structure, question, window)?;

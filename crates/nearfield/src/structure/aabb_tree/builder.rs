@@ -13,7 +13,7 @@ use crate::curve::{Curve, Domain, GpuCurveOrder};
 use crate::geometry::Aabb;
 use crate::gpu::{Buffer, Gpu, Workgroups};
 use crate::parallel::reduce::{GpuBounds, GpuReduce};
-use crate::structure::on_gpu::{DevicePoint, device_points};
+use crate::structure::on_gpu::{DevicePoint, upload_points};
 use crate::structure::{AabbTree, BuildStage};
 use crate::{Error, Result};
 
@@ -170,7 +170,7 @@ pub(super) fn sorted_queries(
     fitter: &Fitter,
 ) -> Result<Buffer<DevicePoint>> {
     let n = queries.len();
-    let input = gpu.upload("queries", &device_points(queries, 0))?;
+    let input = upload_points(gpu, "queries", queries, 0)?;
     let curve = GpuCurveOrder::new(gpu, Curve::Hilbert, n)?;
     let order = gpu.buffer("order of queries", n)?;
     let sorted = gpu.buffer("sorted queries", n)?;

@@ -13,7 +13,7 @@ use super::shape::TreeShape;
 use super::{AabbTree, effort};
 use crate::geometry::{Aabb, OrderedPoints, validate};
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu};
-use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
+use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, upload_points};
 use crate::structure::{BuildStage, CpuStructure};
 use crate::{Error, Result};
 
@@ -47,7 +47,7 @@ impl GpuAabbTree {
             return Self::upload(gpu, &AabbTree::build(points, settings)?);
         }
         let start = Instant::now();
-        let input = gpu.upload("points", &device_points(points, 0))?;
+        let input = upload_points(gpu, "points", points, 0)?;
         let mut tree = AabbTreeBuilder::new(gpu, points.len(), settings)?.build(&input)?;
         tree.stages.insert(0, BuildStage::on_host("upload", start));
         Ok(tree)

@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use crate::geometry::{Aabb, Period, validate};
 use crate::gpu::{Access, Bind, Buffer, Gpu};
-use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
+use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, upload_points};
 use crate::structure::{BruteForce, BuildStage, CpuStructure};
 use crate::{Error, Result};
 
@@ -52,7 +52,7 @@ impl GpuBruteForce {
     pub fn build_periodic(gpu: &Gpu, points: &[Vec3], period: Period) -> Result<Self> {
         validate::points(points)?;
         let start = Instant::now();
-        let points = gpu.upload("points", &device_points(points, 0))?;
+        let points = upload_points(gpu, "points", points, 0)?;
         let mut all = Self::of_points(gpu, &points, period)?;
         all.stages.push(BuildStage::on_host("upload", start));
         Ok(all)
@@ -129,7 +129,7 @@ impl GpuStructure for GpuBruteForce {
     }
 
     fn upload_queries(&self, queries: &[Vec3]) -> Result<Buffer<DevicePoint>> {
-        self.gpu.upload("queries", &device_points(queries, 0))
+        upload_points(&self.gpu, "queries", queries, 0)
     }
 
     fn build_stages(&self) -> &[BuildStage] {

@@ -15,7 +15,7 @@ use crate::parallel::histogram::GpuHistogram;
 use crate::parallel::radix_sort::GpuRadixSort;
 use crate::parallel::scan::GpuScan;
 use crate::structure::BuildStage;
-use crate::structure::on_gpu::{DevicePoint, device_points};
+use crate::structure::on_gpu::{DevicePoint, upload_points};
 use crate::{Error, Result};
 
 /// Invocations of a workgroup.
@@ -53,7 +53,7 @@ impl GpuDenseOctree {
         let start = Instant::now();
         check_memory(gpu, settings, points.len(), (points.len() * size_of::<DevicePoint>()) as u64)?;
         let domain = settings.domain_of(points)?;
-        let input = gpu.upload("points", &device_points(points, 0))?;
+        let input = upload_points(gpu, "points", points, 0)?;
         let mut tree = Self::from_input(gpu, &input, &domain, settings)?;
         tree.stages.insert(0, BuildStage::on_host("upload", start));
         Ok(tree)
@@ -248,7 +248,7 @@ impl GpuDenseOctree {
     /// `NonFinite`, `CoordinateTooLarge`, `OutOfDeviceMemory`, `DeviceLost`.
     pub fn locate(&self, queries: &[Vec3]) -> Result<Vec<Option<Octant>>> {
         validate::coordinates("queries", queries)?;
-        let queries = self.gpu.upload("queries", &device_points(queries, 0))?;
+        let queries = upload_points(&self.gpu, "queries", queries, 0)?;
         let leaves = self.gpu.read(&self.locate_on_device(&queries)?)?;
         Ok(leaves.into_iter().map(|bits| Octant::from_bits(bits.into())).collect())
     }

@@ -13,7 +13,7 @@ use super::settings::{NARROW_LEVELS, OctreeSettings};
 use crate::curve::{Curve, Domain, MAX_LEVEL};
 use crate::gpu::{Access, Buffer, Commands, Gpu, Pipeline, StageTime, Workgroups};
 use crate::parallel::radix_sort::{GpuRadixSort, SortKey};
-use crate::structure::on_gpu::{DevicePoint, device_points};
+use crate::structure::on_gpu::{DevicePoint, upload_points};
 use crate::{Error, Result};
 
 /// Everything that builds of octrees of one size share: pipelines and scratch memory. Keep it to build again as points
@@ -160,7 +160,7 @@ pub(super) fn sorted_queries(
     curve: Curve,
 ) -> Result<Buffer<DevicePoint>> {
     let n = queries.len();
-    let input = gpu.upload("queries", &device_points(queries, 0))?;
+    let input = upload_points(gpu, "queries", queries, 0)?;
     let sorter = Sorter::<u32>::new(gpu, n, curve, NARROW_LEVELS, NARROW_LEVELS)?;
     let order = gpu.buffer("order of queries", n)?;
     let sorted = gpu.buffer("sorted queries", n)?;

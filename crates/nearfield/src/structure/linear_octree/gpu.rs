@@ -14,7 +14,7 @@ use crate::Result;
 use crate::curve::{Curve, Domain};
 use crate::geometry::{Aabb, OrderedPoints};
 use crate::gpu::{Access, Bind, Buffer, Gpu};
-use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
+use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, upload_points};
 use crate::structure::{BuildStage, CpuStructure};
 
 /// Points along a curve and the octree over them, on the GPU.
@@ -49,7 +49,7 @@ impl GpuLinearOctree {
         settings.validate()?;
         let domain = settings.domain_of(points)?;
         let start = Instant::now();
-        let input = gpu.upload("points", &device_points(points, 0))?;
+        let input = upload_points(gpu, "points", points, 0)?;
         let settings = OctreeSettings { domain: Some(domain), ..*settings };
         let mut tree = OctreeBuilder::new(gpu, points.len(), &settings)?.build(&input)?;
         tree.stages.insert(0, BuildStage::on_host("upload", start));

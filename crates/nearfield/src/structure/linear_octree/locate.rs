@@ -68,7 +68,7 @@ mod on_gpu {
     use crate::curve::Curve;
     use crate::gpu::{Access, Buffer, Kernel, Workgroups};
     use crate::structure::linear_octree::GpuLinearOctree;
-    use crate::structure::on_gpu::device_points;
+    use crate::structure::on_gpu::upload_points;
     use crate::structure::{BuildStage, DevicePoint};
 
     const WORKGROUP: u32 = 256;
@@ -80,7 +80,7 @@ mod on_gpu {
         /// # Errors
         /// `OutOfDeviceMemory`, `DeviceLost`.
         pub fn locate(&self, asked: &[Vec3]) -> Result<Vec<u32>> {
-            let points = self.gpu.upload("points to locate", &device_points(asked, 0))?;
+            let points = upload_points(&self.gpu, "points to locate", asked, 0)?;
             let (nodes, _) = self.locate_on_device(&points)?;
             let mut nodes = self.gpu.read(&nodes)?;
             // What a device makes of comparisons with NaN is its own business.

@@ -11,7 +11,7 @@ use super::policy::{Decision, RebuildPolicy};
 use super::report::{UpdateAction, UpdateReport};
 use crate::geometry::validate;
 use crate::gpu::{Buffer, Gpu};
-use crate::structure::on_gpu::{DevicePoint, GpuStructure, device_points};
+use crate::structure::on_gpu::{DevicePoint, GpuStructure, device_point, upload_points};
 use crate::structure::{AabbTree, AabbTreeBuilder, AabbTreeSettings, BuildOrder, BuildStage, GpuAabbTree, TreeSearch};
 use crate::{Error, Result};
 
@@ -68,7 +68,7 @@ impl GpuMovingPoints {
         let (tree, builder, input) = match settings.order {
             BuildOrder::Median => (GpuAabbTree::build(gpu, points, settings)?, None, None),
             BuildOrder::Hilbert => {
-                let input = gpu.upload("moved points", &device_points(points, 0))?;
+                let input = upload_points(gpu, "moved points", points, 0)?;
                 let mut builder = AabbTreeBuilder::new(gpu, points.len(), settings)?;
                 let tree = builder.build(&input)?;
                 (tree, (policy != RebuildPolicy::Never).then_some(builder), Some(input))
@@ -101,7 +101,7 @@ impl GpuMovingPoints {
             Some(input) => input,
             None => self.gpu.buffer("moved points", n)?,
         };
-        let updated = self.gpu.write(&input, 0, &device_points(positions, 0)).and_then(|()| {
+        let updated = self.gpu.write_with(&input, device_point(positions, 0)).and_then(|()| {
             let upload = BuildStage::on_host("upload", start);
             let mut report = self.update_on_device(&input)?;
             report.stages.insert(0, upload);

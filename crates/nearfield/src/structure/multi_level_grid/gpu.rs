@@ -9,7 +9,7 @@ use crate::geometry::Aabb;
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline};
 use crate::structure::BuildStage;
 use crate::structure::cell_sort::{CellSorter, EntryOrder, SortedPoints};
-use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
+use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, upload_points};
 use crate::structure::uniform_grid::most_effort;
 use crate::{Error, Result};
 
@@ -174,7 +174,7 @@ impl GpuStructure for GpuMultiLevelGrid {
 
     /// In the order in which they are given.
     fn upload_queries(&self, queries: &[Vec3]) -> Result<Buffer<DevicePoint>> {
-        self.gpu.upload("queries", &device_points(queries, 0))
+        upload_points(&self.gpu, "queries", queries, 0)
     }
 
     fn build_stages(&self) -> &[BuildStage] {

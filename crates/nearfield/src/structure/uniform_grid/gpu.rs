@@ -10,7 +10,7 @@ use super::{GridLayout, GridSettings};
 use crate::geometry::{Aabb, Period, validate};
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline};
 use crate::structure::cell_sort::{CellSorter, EntryOrder, SortedPoints};
-use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, device_points};
+use crate::structure::on_gpu::{DevicePoint, Effort, GpuStructure, upload_points};
 use crate::structure::{BuildStage, CpuStructure, UniformGrid};
 use crate::{Error, Result};
 
@@ -45,7 +45,7 @@ impl GpuUniformGrid {
         validate::points(points)?;
         let start = Instant::now();
         let bounds = settings.bounds_of(points);
-        let input = gpu.upload("points", &device_points(points, 0))?;
+        let input = upload_points(gpu, "points", points, 0)?;
         let mut grid = Self::build_on_device(gpu, &input, &bounds, settings)?;
         grid.stages.insert(0, BuildStage::on_host("upload", start));
         Ok(grid)
@@ -259,7 +259,7 @@ impl GpuStructure for GpuUniformGrid {
 
     /// Sorted by the cells that they lie in, so that neighbouring invocations walk the same cells.
     fn upload_queries(&self, queries: &[Vec3]) -> Result<Buffer<DevicePoint>> {
-        let input = self.gpu.upload("queries", &device_points(queries, 0))?;
+        let input = upload_points(&self.gpu, "queries", queries, 0)?;
         let layout = GridLayout { n_points: queries.len() as u32, ..self.layout };
         let layout_buffer = self.gpu.uniform("grid layout of the queries", &layout)?;
         let sorted = self.gpu.buffer("sorted queries", queries.len())?;
