@@ -11,6 +11,7 @@ pub mod clocks;
 pub mod curve;
 pub mod device;
 pub mod everyday;
+pub mod first_call;
 pub mod grid;
 pub mod growth;
 pub mod measure;

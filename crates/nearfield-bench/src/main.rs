@@ -6,8 +6,8 @@ use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
 use nearfield_bench::{
-    Result, applications, auto, baselines, curve, device, everyday, grid, growth, octree, paper, particles, primitives,
-    rays, rivals, targets, transfers, wlop,
+    Result, applications, auto, baselines, curve, device, everyday, first_call, grid, growth, octree, paper, particles,
+    primitives, rays, rivals, targets, transfers, wlop,
 };
 
 /// Measure Nearfield on this machine.
@@ -26,6 +26,8 @@ enum Command {
     Auto(auto::Arguments),
     /// Table of build, count and list on one device, beside the figures of other libraries.
     Device(device::Arguments),
+    /// Wall clock of opening a device and of the first answer, with and without pipelines that were kept
+    FirstCall(first_call::Arguments),
     /// The experiments of Accel on its uniform grid: CSV files, plots and claims
     Grid(grid::Arguments),
     /// Time a point from ten thousand to a hundred million points by every structure: CSV file, table and plot
@@ -69,6 +71,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Command::Applications(arguments) => applications::run(&arguments),
         Command::Auto(arguments) => auto::run(&arguments),
         Command::Device(arguments) => device::run(&arguments),
+        Command::FirstCall(arguments) => first_call::run(&arguments),
         Command::Grid(arguments) => grid::run(&arguments),
         Command::Growth(arguments) => growth::run(&arguments),
         Command::Octree(arguments) => octree::run(&arguments),

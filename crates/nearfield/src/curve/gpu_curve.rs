@@ -184,7 +184,7 @@ impl GpuCurve {
     ) -> Result<()> {
         check_len(what, len, MAX_LEN)?;
         let constants = [("WORKGROUP", f64::from(WORKGROUP))];
-        let pipeline = self.gpu.pipeline(&Kernel { constants: &constants, ..kernel })?;
+        let pipeline = self.gpu.prepare(&Kernel { constants: &constants, ..kernel })?;
         let parameters = self.parameters.uniform([len as u32, 0, 0, 0])?;
         let bindings = [&[(&parameters).into()], bindings].concat();
         commands.dispatch(&pipeline, &bindings, Workgroups::Covering(len as u64));

@@ -34,7 +34,7 @@ impl GpuOctants {
         let constants = [("WORKGROUP", f64::from(WORKGROUP))];
         let pipeline = |entry: &str| {
             let kernel = Kernel::new("package::curve::octant_pairs", entry, &access, WORKGROUP);
-            gpu.pipeline(&Kernel { constants: &constants, ..kernel })
+            gpu.prepare(&Kernel { constants: &constants, ..kernel })
         };
         Ok(Self {
             gpu: gpu.clone(),
@@ -113,7 +113,7 @@ impl GpuOctants {
         check_holds(neighbors, len)?;
         let access = [Access::Uniform, Access::Read, Access::ReadWrite];
         let kernel = Kernel::new("package::curve::octant_neighbors", "step_octants", &access, WORKGROUP);
-        let pipeline = self.gpu.pipeline(&Kernel {
+        let pipeline = self.gpu.prepare(&Kernel {
             constants: &[("WORKGROUP", f64::from(WORKGROUP))],
             features: &[("hilbert", curve == Curve::Hilbert)],
             ..kernel

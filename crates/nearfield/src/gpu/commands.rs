@@ -339,6 +339,7 @@ fn encode_and_submit(
     reads: &[Arc<Destination>],
     ticks: Option<&Ticks>,
 ) -> Result<wgpu::SubmissionIndex> {
+    compile(gpu, stages)?;
     for read in reads {
         read.begin();
     }
@@ -363,9 +364,18 @@ fn encode_and_submit(
     Ok(submission)
 }
 
+/// Compiles what the stages use, if it was not used before.
+fn compile(gpu: &Gpu, stages: &[Stage]) -> Result<()> {
+    gpu.compile_all(stages.iter().flat_map(|stage| &stage.steps).filter_map(|step| match step {
+        Step::Dispatch { pipeline, .. } => Some(pipeline),
+        _ => None,
+    }))
+}
+
 /// Submits so many repetitions in parts, one after the other. The device works on some while threads make the next ones ready: one thread
 /// takes longer for a part of small kernels than the device does.
 fn submit_parts(gpu: &Gpu, label: &'static str, stages: &[Stage], times: u32) -> Result<wgpu::SubmissionIndex> {
+    compile(gpu, stages)?;
     let parts = times.div_ceil(TOGETHER) as usize;
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get().min(ENCODERS)).min(parts);
     let encode = |part: usize| {
@@ -477,7 +487,7 @@ fn bind_groups(gpu: &Gpu, pipeline: &Pipeline, groups: &[Vec<Bind>; 2]) -> Vec<w
         let descriptor = wgpu::BindGroupDescriptor { label: Some(pipeline.name()), layout, entries: &entries };
         gpu.device().create_bind_group(&descriptor)
     };
-    pipeline.groups.iter().zip(groups).map(make).collect()
+    pipeline.ready().groups.iter().zip(groups).map(make).collect()
 }
 
 fn entry((binding, bind): (usize, &Bind)) -> wgpu::BindGroupEntry<'_> {
@@ -496,7 +506,7 @@ fn encode_dispatch(
     if matches!(workgroups, Workgroups::Count(0) | Workgroups::Covering(0)) {
         return;
     }
-    pass.set_pipeline(&pipeline.raw);
+    pass.set_pipeline(&pipeline.ready().raw);
     for (number, group) in groups.iter().enumerate() {
         pass.set_bind_group(number as u32, group, &[]);
     }

@@ -1,11 +1,13 @@
 //! The open device: features and limits read once, memory accounting, waiting, and the lost flag.
 
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::pipeline::Pipeline;
+use super::pipeline_cache::{self, DiskCache};
 use super::pool::Pool;
 use super::{Adapter, AdapterKind, DeviceChoice};
 use crate::{Error, Result};
@@ -25,6 +27,7 @@ pub(super) struct Inner {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) pipelines: Mutex<HashMap<String, Arc<Pipeline>>>,
+    disk_cache: OnceLock<DiskCache>,
     pub(super) memory: Memory,
     pub(super) pool: Pool,
     name: String,
@@ -83,11 +86,24 @@ impl Gpu {
 
     /// Opens an adapter.
     ///
+    /// Compiled pipelines are kept in a file of the user's cache folder, below `nearfield`, where the driver allows it; the environment variable
+    /// `NEARFIELD_PIPELINE_CACHE` names another folder, or is `off`.
+    ///
     /// # Errors
     /// `NoDevice` where the driver refuses to open it.
     pub fn open_adapter(adapter: &Adapter) -> Result<Self> {
+        Self::open_adapter_with_cache(adapter, pipeline_cache::folder().as_deref())
+    }
+
+    /// Opens an adapter with its compiled pipelines kept in a file of this folder, or nowhere. A folder or file that cannot be used is as good as
+    /// none. Nobody else should be able to write to the folder: drivers trust what stands there.
+    ///
+    /// # Errors
+    /// As [`Gpu::open_adapter`].
+    pub fn open_adapter_with_cache(adapter: &Adapter, folder: Option<&Path>) -> Result<Self> {
         let handle = &adapter.handle;
-        let wanted = wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY;
+        let mut wanted = wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY;
+        wanted.set(wgpu::Features::PIPELINE_CACHE, folder.is_some());
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("nearfield"),
             required_features: handle.features() & wanted,
@@ -106,6 +122,13 @@ impl Gpu {
         gpu.inner.device.set_device_lost_callback(move |reason, message| {
             let _ = lost.set(format!("{reason:?}: {message}"));
         });
+        if let Some(folder) = folder {
+            match gpu.checked("pipeline cache", 0, || DiskCache::open(gpu.device(), folder)) {
+                Ok(Some(cache)) => drop(gpu.inner.disk_cache.set(cache)),
+                Ok(None) => {}
+                Err(error) => log::debug!("there is no pipeline cache: {error}"),
+            }
+        }
         Ok(gpu)
     }
 
@@ -147,6 +170,7 @@ impl Gpu {
                 device,
                 queue,
                 pipelines,
+                disk_cache: OnceLock::new(),
                 memory,
                 pool: Pool::default(),
                 name,
@@ -289,6 +313,9 @@ impl Gpu {
             outcome = ask(WAIT_LIMIT);
         }
         self.check_lost()?;
+        if let Some(cache) = self.disk_cache() {
+            cache.save_if_quiet();
+        }
         outcome
             .map(drop)
             .map_err(|e| Error::Device { operation: operation.to_owned(), message: format!("waiting failed: {e}") })
@@ -299,6 +326,10 @@ impl Gpu {
             None => Ok(()),
             Some(reason) => Err(Error::DeviceLost { device: self.inner.name.clone(), reason: reason.clone() }),
         }
+    }
+
+    pub(super) fn disk_cache(&self) -> Option<&DiskCache> {
+        self.inner.disk_cache.get()
     }
 
     pub(super) fn pipelines(&self) -> MutexGuard<'_, HashMap<String, Arc<Pipeline>>> {

@@ -10,7 +10,9 @@ mod commands;
 mod context;
 mod copies;
 mod host_memory;
+mod kernel;
 mod pipeline;
+mod pipeline_cache;
 mod pool;
 mod read_back;
 pub mod shader;
@@ -23,6 +25,7 @@ pub use commands::{Bind, Commands, Recorded, StageTime, Workgroups};
 #[doc(hidden)]
 pub use context::SOFTWARE_LOOP_ROUNDS;
 pub use context::{Gpu, GpuLimits};
-pub use pipeline::{Access, Kernel, Pipeline};
+pub use kernel::{Access, Kernel};
+pub use pipeline::Pipeline;
 pub use read_back::ReadBack;
 pub use wgpu;

@@ -1,75 +1,60 @@
 //! Compute pipelines made from WESL modules, kept in a cache.
 
-use std::sync::Arc;
+use std::collections::HashSet;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::Gpu;
+use super::kernel::{Access, Kernel, OwnedKernel};
+use super::pipeline_cache::DiskCache;
 use super::shader::{self, Fill};
 use crate::{Error, Result};
 
-/// How a kernel uses one of its bindings.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Access {
-    /// `var<storage, read>`.
-    Read,
-    /// `var<storage, read_write>`.
-    ReadWrite,
-    /// `var<uniform>`.
-    Uniform,
-}
-
-/// What a pipeline is made from. Layouts are explicit because unused bindings vanish from the composed source.
-#[derive(Debug, Clone, Copy)]
-pub struct Kernel<'a> {
-    /// Module path of the WESL file that holds the entry point: one of the library, or one that stands in `fills`. A
-    /// kernel that is wholly a caller's own is a module of any new path below `package::` with its source in `fills`;
-    /// it can import modules of the library.
-    pub module: &'a str,
-    /// The entry point.
-    pub entry: &'a str,
-    /// Bindings of `@group(0)`, numbered from 0.
-    pub bindings: &'a [Access],
-    /// Bindings of `@group(1)`: those of a visitor.
-    pub visitor_bindings: &'a [Access],
-    /// Open or new module paths and what stands there.
-    pub fills: &'a [(&'a str, Fill<'a>)],
-    /// Conditions for `@if`.
-    pub features: &'a [(&'a str, bool)],
-    /// Values of `override` constants of the root module.
-    pub constants: &'a [(&'a str, f64)],
-    /// Invocations of the workgroup with these constants; checked against the device.
-    pub workgroup_size: u32,
-}
-
-impl<'a> Kernel<'a> {
-    /// A kernel without visitor, fills, features and constants.
-    pub const fn new(module: &'a str, entry: &'a str, bindings: &'a [Access], workgroup_size: u32) -> Self {
-        Self {
-            module,
-            entry,
-            bindings,
-            visitor_bindings: &[],
-            fills: &[],
-            features: &[],
-            constants: &[],
-            workgroup_size,
-        }
-    }
-}
-
-/// A compiled kernel.
+/// A kernel that is compiled, or will be when it is first used.
 #[derive(Debug)]
 pub struct Pipeline {
-    pub(super) raw: wgpu::ComputePipeline,
-    pub(super) groups: Vec<wgpu::BindGroupLayout>,
+    compiled: OnceLock<Compiled>,
+    /// Held while it is compiled.
+    compiling: Mutex<()>,
+    kernel: OwnedKernel,
+    checks: bool,
     name: String,
     /// Invocations of a workgroup.
     pub workgroup_size: u32,
+}
+
+/// What the driver made of a kernel.
+#[derive(Debug)]
+pub(super) struct Compiled {
+    pub(super) raw: wgpu::ComputePipeline,
+    pub(super) groups: Vec<wgpu::BindGroupLayout>,
 }
 
 impl Pipeline {
     /// Module path and entry point.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// What was compiled before: by [`Gpu::compile_all`], without which nothing is encoded.
+    pub(super) fn ready(&self) -> &Compiled {
+        self.compiled.get().expect("a pipeline should be compiled before it is encoded")
+    }
+
+    /// What was compiled, now or before.
+    ///
+    /// # Errors
+    /// As [`Gpu::pipeline`]. The next call tries again.
+    pub(super) fn compiled(&self, gpu: &Gpu) -> Result<&Compiled> {
+        if let Some(compiled) = self.compiled.get() {
+            return Ok(compiled);
+        }
+        let _compiling = self.compiling.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(compiled) = self.compiled.get() {
+            return Ok(compiled);
+        }
+        let compiled = self.kernel.with(|kernel| gpu.compile(kernel, self.checks, &self.name))?;
+        Ok(self.compiled.get_or_init(|| compiled))
     }
 }
 
@@ -83,8 +68,16 @@ impl Gpu {
     /// # Errors
     /// `KernelRejected` with the compiler's message; `Unsupported` if the workgroup is too large for the device.
     pub fn pipeline(&self, kernel: &Kernel<'_>) -> Result<Arc<Pipeline>> {
-        let from_caller = is_from_caller(kernel);
-        self.cached(kernel, from_caller)
+        self.compiled(kernel, is_from_caller(kernel))
+    }
+
+    /// As [`Gpu::pipeline`] for kernels that are wholly the library's own: they are compiled when work that uses them is first submitted, together
+    /// and by several threads. Others are compiled at once.
+    ///
+    /// # Errors
+    /// As [`Gpu::pipeline`]; errors of the compiler come from submitting.
+    pub(crate) fn prepare(&self, kernel: &Kernel<'_>) -> Result<Arc<Pipeline>> {
+        if is_from_caller(kernel) { self.pipeline(kernel) } else { self.cached(kernel, false) }
     }
 
     /// As [`Gpu::pipeline`], without run-time checks also where a caller's source is in the module. For the baselines
@@ -98,7 +91,13 @@ impl Gpu {
     /// As [`Gpu::pipeline`].
     #[doc(hidden)]
     pub unsafe fn pipeline_unchecked(&self, kernel: &Kernel<'_>) -> Result<Arc<Pipeline>> {
-        self.cached(kernel, false)
+        self.compiled(kernel, false)
+    }
+
+    fn compiled(&self, kernel: &Kernel<'_>, checks: bool) -> Result<Arc<Pipeline>> {
+        let pipeline = self.cached(kernel, checks)?;
+        pipeline.compiled(self)?;
+        Ok(pipeline)
     }
 
     fn cached(&self, kernel: &Kernel<'_>, checks: bool) -> Result<Arc<Pipeline>> {
@@ -106,12 +105,6 @@ impl Gpu {
         if let Some(pipeline) = self.pipelines().get(&key) {
             return Ok(Arc::clone(pipeline));
         }
-        let pipeline = Arc::new(self.compile(kernel, checks)?);
-        self.pipelines().insert(key, Arc::clone(&pipeline));
-        Ok(pipeline)
-    }
-
-    fn compile(&self, kernel: &Kernel<'_>, checks: bool) -> Result<Pipeline> {
         let name = format!("{}::{}", kernel.module, kernel.entry);
         // wgpu does not validate overridden workgroup sizes.
         if kernel.workgroup_size > self.limits().workgroup_invocations {
@@ -120,6 +113,49 @@ impl Gpu {
                 advice: "use the CPU or another device",
             });
         }
+        let pipeline = Arc::new(Pipeline {
+            compiled: OnceLock::new(),
+            compiling: Mutex::default(),
+            kernel: kernel.into(),
+            checks,
+            name,
+            workgroup_size: kernel.workgroup_size,
+        });
+        Ok(Arc::clone(self.pipelines().entry(key).or_insert(pipeline)))
+    }
+
+    /// Compiles those that are not compiled yet, several at the same time.
+    ///
+    /// # Errors
+    /// As [`Gpu::pipeline`].
+    pub(super) fn compile_all<'a>(&self, pipelines: impl Iterator<Item = &'a Arc<Pipeline>>) -> Result<()> {
+        let mut seen = HashSet::new();
+        let missing: Vec<&Pipeline> = pipelines
+            .map(Arc::as_ref)
+            .filter(|pipeline| pipeline.compiled.get().is_none() && seen.insert(std::ptr::from_ref(*pipeline)))
+            .collect();
+        let Some((first, others)) = missing.split_first() else { return Ok(()) };
+        let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(others.len() + 1);
+        let next = AtomicUsize::new(0);
+        let work = || {
+            while let Some(pipeline) = others.get(next.fetch_add(1, Ordering::Relaxed)) {
+                // An error comes again where all are looked at.
+                let _ = pipeline.compiled(self);
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 1..threads {
+                // A thread that cannot be had leaves its work to the others.
+                let _ = std::thread::Builder::new().spawn_scoped(scope, work);
+            }
+            let compiled = first.compiled(self).map(drop);
+            work();
+            compiled
+        })?;
+        missing.into_iter().try_for_each(|pipeline| pipeline.compiled(self).map(drop))
+    }
+
+    fn compile(&self, kernel: &Kernel<'_>, checks: bool, name: &str) -> Result<Compiled> {
         let source = shader::compose(kernel.module, kernel.fills, kernel.features, false)?;
         // Nor does it validate how much memory workgroups have; what a caller's code adds to it is not known before.
         let most = u64::from(self.limits().workgroup_bytes);
@@ -133,9 +169,9 @@ impl Gpu {
             });
         }
         let device = self.device();
-        let compiled = self.checked(&name, 0, || {
+        let compiled = self.checked(name, 0, || {
             let descriptor =
-                wgpu::ShaderModuleDescriptor { label: Some(&name), source: wgpu::ShaderSource::Wgsl(source.into()) };
+                wgpu::ShaderModuleDescriptor { label: Some(name), source: wgpu::ShaderSource::Wgsl(source.into()) };
             let module = if checks || checks_forced() {
                 device.create_shader_module(descriptor)
             } else {
@@ -148,15 +184,15 @@ impl Gpu {
                 .iter()
                 .enumerate()
                 .filter(|(group, bindings)| *group == 0 || !bindings.is_empty())
-                .map(|(_, bindings)| bind_group_layout(device, &name, bindings))
+                .map(|(_, bindings)| bind_group_layout(device, name, bindings))
                 .collect();
             let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: Some(&name),
+                label: Some(name),
                 bind_group_layouts: &groups.iter().map(Some).collect::<Vec<_>>(),
                 immediate_size: 0,
             });
             let raw = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(&name),
+                label: Some(name),
                 layout: Some(&layout),
                 module: &module,
                 entry_point: Some(kernel.entry),
@@ -164,15 +200,18 @@ impl Gpu {
                     constants: kernel.constants,
                     zero_initialize_workgroup_memory: false,
                 },
-                cache: None,
+                cache: self.disk_cache().map(DiskCache::raw),
             });
             (raw, groups)
         });
         let (raw, groups) = compiled.map_err(|error| match error {
-            Error::Device { message, .. } => Error::KernelRejected { kernel: name.clone(), message },
+            Error::Device { message, .. } => Error::KernelRejected { kernel: name.to_owned(), message },
             other => other,
         })?;
-        Ok(Pipeline { raw, groups, name, workgroup_size: kernel.workgroup_size })
+        if let Some(cache) = self.disk_cache() {
+            cache.added();
+        }
+        Ok(Compiled { raw, groups })
     }
 }
 

@@ -57,8 +57,8 @@ mod on_gpu {
             Ok(Self {
                 parameters: ParameterCache::new(gpu),
                 capacity,
-                count_flags: gpu.pipeline(&Kernel::new(module, "count_flags", &count, WORKGROUP))?,
-                write_indices: gpu.pipeline(&Kernel::new(module, "write_indices", &write, WORKGROUP))?,
+                count_flags: gpu.prepare(&Kernel::new(module, "count_flags", &count, WORKGROUP))?,
+                write_indices: gpu.prepare(&Kernel::new(module, "write_indices", &write, WORKGROUP))?,
                 rows: RowScan::new(gpu)?,
                 tile_counts: gpu.buffer("flags set in tiles", capacity.div_ceil(TILE))?,
             })

@@ -67,7 +67,7 @@ mod on_gpu {
             check_capacity("bins", n_bins)?;
             let bindings = [Access::Uniform, Access::ReadWrite, Access::Read];
             let pipeline = |entry, n_bindings: usize| {
-                gpu.pipeline(&Kernel {
+                gpu.prepare(&Kernel {
                     features: &[("few_bins", n_bins <= FEW_BINS)],
                     ..Kernel::new("package::parallel::histogram", entry, &bindings[..n_bindings], WORKGROUP)
                 })

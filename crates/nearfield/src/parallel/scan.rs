@@ -97,8 +97,8 @@ mod on_gpu {
             Ok(Self {
                 parameters: ParameterCache::new(gpu),
                 capacity,
-                reduce_tiles: gpu.pipeline(&Kernel::new(module, "reduce_tiles", &reduce, WORKGROUP))?,
-                scan_tiles: gpu.pipeline(&Kernel::new(module, "scan_tiles", &scan, WORKGROUP))?,
+                reduce_tiles: gpu.prepare(&Kernel::new(module, "reduce_tiles", &reduce, WORKGROUP))?,
+                scan_tiles: gpu.prepare(&Kernel::new(module, "scan_tiles", &scan, WORKGROUP))?,
                 rows: RowScan::new(gpu)?,
                 tile_sums: gpu.buffer("sums of scan tiles", (capacity + 1).div_ceil(TILE))?,
                 total: gpu.buffer("sum of a scan", 1)?,

@@ -87,8 +87,8 @@ impl RowScan {
         let kernel = |entry| Kernel::new("package::parallel::scan_rows", entry, &bindings, WORKGROUP);
         Ok(Self {
             parameters: ParameterCache::new(gpu),
-            pipeline: gpu.pipeline(&kernel("scan_rows"))?,
-            short: gpu.pipeline(&kernel("scan_short_rows"))?,
+            pipeline: gpu.prepare(&kernel("scan_rows"))?,
+            short: gpu.prepare(&kernel("scan_short_rows"))?,
         })
     }
 

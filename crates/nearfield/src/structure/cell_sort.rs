@@ -187,7 +187,7 @@ impl Way {
 }
 
 fn pipeline(gpu: &Gpu, entry: &'static str, accesses: &[Access]) -> Result<Arc<Pipeline>> {
-    gpu.pipeline(&Kernel {
+    gpu.prepare(&Kernel {
         constants: &[("WORKGROUP", f64::from(WORKGROUP))],
         ..Kernel::new("package::structure::cell_sort", entry, accesses, WORKGROUP)
     })

@@ -6,6 +6,7 @@
 
 mod coherent;
 mod grid_builds;
+mod kept_pipelines;
 mod knn_packs;
 mod loss;
 mod memory;
@@ -112,6 +113,7 @@ fn main() {
     trials.extend(pairs::trials());
     trials.extend(rows::trials());
     trials.extend(transfers::trials());
+    trials.extend(kept_pipelines::trials());
     trials.extend(trees::trials());
     trials.extend(knn_packs::trials());
     trials.extend(ray_trees::trials());

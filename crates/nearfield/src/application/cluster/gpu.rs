@@ -192,7 +192,7 @@ impl Again {
 
 fn pipeline(gpu: &Gpu, entry: &'static str, bindings: &[Access]) -> Result<Arc<Pipeline>> {
     let constants = &[("WORKGROUP", f64::from(WORKGROUP))];
-    gpu.pipeline(&Kernel {
+    gpu.prepare(&Kernel {
         constants,
         ..Kernel::new("package::application::cluster::flatten", entry, bindings, WORKGROUP)
     })

@@ -189,7 +189,7 @@ impl<'a> Run<'a> {
         let classify = self.nearest_kernel("classify_bricks")?;
         let [refine, fill] = [self.nearest_kernel("refine_bricks")?, self.nearest_kernel("fill_bricks")?];
         let compact = GpuCompact::new(gpu, self.n_bricks)?;
-        let undefine = gpu.pipeline(&Kernel {
+        let undefine = gpu.prepare(&Kernel {
             constants: &[("WORKGROUP", f64::from(WORKGROUP))],
             ..Kernel::new("package::application::distance_field::undefine", "undefine", &UNDEFINE, WORKGROUP)
         })?;
@@ -292,7 +292,7 @@ pub(super) fn pipeline(
     more: &[(&str, bool)],
 ) -> Result<Arc<Pipeline>> {
     let usual = [("short_loops", gpu.limits().loop_rounds.is_some()), ("periodic", false), ("excludes", false)];
-    gpu.pipeline(&Kernel {
+    gpu.prepare(&Kernel {
         constants: &[("WORKGROUP", f64::from(WORKGROUP))],
         features: &[&usual[..], more].concat(),
         fills,

@@ -97,5 +97,5 @@ fn remoteness_of(dist2: f32) -> u32 {
 }
 
 fn pipeline(gpu: &Gpu, entry: &'static str, bindings: &[Access]) -> Result<Arc<Pipeline>> {
-    gpu.pipeline(&Kernel::new("package::application::downsample::farthest", entry, bindings, WORKGROUP))
+    gpu.prepare(&Kernel::new("package::application::downsample::farthest", entry, bindings, WORKGROUP))
 }

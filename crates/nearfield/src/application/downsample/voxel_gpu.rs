@@ -120,7 +120,7 @@ pub fn voxel_downsample_on_gpu(
 
 fn pipeline(gpu: &Gpu, entry: &'static str, bindings: &[Access]) -> Result<Arc<Pipeline>> {
     let constants = &[("WORKGROUP", f64::from(WORKGROUP))];
-    gpu.pipeline(&Kernel {
+    gpu.prepare(&Kernel {
         constants,
         ..Kernel::new("package::application::downsample::voxel", entry, bindings, WORKGROUP)
     })

@@ -345,5 +345,5 @@ fn pipeline(gpu: &Gpu, module: &'static str, bindings: &[Access]) -> Result<std:
     let constants = &[("WORKGROUP", f64::from(WORKGROUP))];
     let path = format!("package::application::dual_contouring::{module}");
     let entry = if module == "quads" { "cut_quads" } else { module };
-    gpu.pipeline(&Kernel { constants, ..Kernel::new(&path, entry, bindings, WORKGROUP) })
+    gpu.prepare(&Kernel { constants, ..Kernel::new(&path, entry, bindings, WORKGROUP) })
 }

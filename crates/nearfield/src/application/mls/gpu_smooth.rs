@@ -118,7 +118,7 @@ impl GpuMlsSmoothing {
         Ok(Self {
             fits: DeviceFits::new(&gpu, settings, &places, samples, queries)?,
             support: DeviceSupport::of(&gpu, &kept)?,
-            kth_distance: gpu.pipeline(&kernel)?,
+            kth_distance: gpu.prepare(&kernel)?,
             center: if bounds.is_empty() { Vec3::ZERO } else { 0.5 * bounds.min + 0.5 * bounds.max },
             oriented: normals.is_some(),
             particles,

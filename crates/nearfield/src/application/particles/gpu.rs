@@ -242,7 +242,7 @@ impl GpuSimulation {
         let accesses = [Uniform, Read, Read, ReadWrite, Read, Read, ReadWrite, ReadWrite];
         let features = [("fluid", scene.model.is_fluid())];
         let pipeline = |entry| {
-            gpu.pipeline(&Kernel {
+            gpu.prepare(&Kernel {
                 features: &features,
                 ..Kernel::new("package::application::particles::inspect", entry, &accesses, WORKGROUP)
             })

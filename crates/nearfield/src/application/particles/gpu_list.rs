@@ -70,7 +70,7 @@ impl GpuList {
             longest_row: 0,
             drift: gpu.uniform("age of a list", &drift)?,
             is_old: gpu.buffer("whether a list is old", 1)?,
-            age: gpu.pipeline(&kernel)?,
+            age: gpu.prepare(&kernel)?,
         };
         list.note_build()?;
         Ok(list)

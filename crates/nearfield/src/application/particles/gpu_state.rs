@@ -253,7 +253,7 @@ impl GpuState {
             Ok((gpu.uniform("block of particles", &block)?, gpu.buffer("particles of a class", class.len())?))
         };
         let pipeline = |entry, accesses: &[Access]| {
-            gpu.pipeline(&Kernel {
+            gpu.prepare(&Kernel {
                 constants: &[("WORKGROUP", WORKGROUP as f64)],
                 ..Kernel::new("package::application::particles::reorder", entry, accesses, WORKGROUP)
             })

@@ -234,7 +234,7 @@ use Access::{Read, ReadWrite, Uniform};
 
 fn pipeline(gpu: &Gpu, module: &'static str, entry: &'static str, bindings: &[Access]) -> Result<Arc<Pipeline>> {
     let constants = &[("WORKGROUP", f64::from(WORKGROUP))];
-    gpu.pipeline(&Kernel { constants, ..Kernel::new(module, entry, bindings, WORKGROUP) })
+    gpu.prepare(&Kernel { constants, ..Kernel::new(module, entry, bindings, WORKGROUP) })
 }
 
 fn generate_kernel(gpu: &Gpu) -> Result<Arc<Pipeline>> {

@@ -71,7 +71,7 @@ impl GpuWindingNumber {
         let [layout_access, nodes, places] = Self::ACCESSES;
         let accesses =
             [Access::Uniform, layout_access, nodes, places, Access::Read, Access::ReadWrite, Access::ReadWrite];
-        let kernel = gpu.pipeline(&Kernel {
+        let kernel = gpu.prepare(&Kernel {
             constants: &[("WORKGROUP", f64::from(WORKGROUP))],
             features: &[("short_loops", gpu.limits().loop_rounds.is_some())],
             ..Kernel::new("package::application::winding_number::at_each", "winding_numbers", &accesses, WORKGROUP)

@@ -114,7 +114,7 @@ impl GpuWlop {
         };
         let pushes = PairParameters::new(&formula.repulsion, formula.repulsion.power, &formula, radius, settings.mu);
         let pipeline = |entry, accesses: &[Access]| {
-            gpu.pipeline(&Kernel::new("package::application::wlop::advance", entry, accesses, WORKGROUP))
+            gpu.prepare(&Kernel::new("package::application::wlop::advance", entry, accesses, WORKGROUP))
         };
         Ok(Self {
             input_weights,

@@ -146,7 +146,7 @@ impl<K: SortKey> GpuRadixSort<K> {
         let pipeline = |stage: (&str, &str), bindings: &[Access], workgroup: u32, constants: &[(&str, f64)]| {
             let kernel =
                 Kernel { features: &features, constants, ..Kernel::new(stage.0, stage.1, bindings, workgroup) };
-            gpu.pipeline(&kernel)
+            gpu.prepare(&kernel)
         };
         let (read, write) = (Access::Read, Access::ReadWrite);
         let surveys = [Access::Uniform, read, write, write];

@@ -189,7 +189,7 @@ impl GpuReduce {
         ];
         let features = if kind == Kind::Bounds { &[][..] } else { &features[..] };
         let bindings = [Access::Uniform, Access::Read, Access::ReadWrite];
-        let stage = |entry| self.gpu.pipeline(&Kernel { features, ..Kernel::new(module, entry, &bindings, WORKGROUP) });
+        let stage = |entry| self.gpu.prepare(&Kernel { features, ..Kernel::new(module, entry, &bindings, WORKGROUP) });
         Ok([stage(entries[0])?, stage(entries[1])?])
     }
 }

@@ -29,7 +29,7 @@ pub(super) fn kernel(
     features: &[(&str, bool)],
 ) -> Result<Arc<Pipeline>> {
     let constants = [("WORKGROUP", f64::from(WORKGROUP))];
-    gpu.pipeline(&Kernel { features, constants: &constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
+    gpu.prepare(&Kernel { features, constants: &constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
 }
 
 /// Packs whose candidates are in memory together.

@@ -92,7 +92,7 @@ fn run(tree: &GpuLinearOctree, boxes: &[Aabb], stage: &'static str, output: &Out
         ..Kernel::new("package::query::boxes", "find_in_boxes", accesses, WORKGROUP)
     };
     let mut commands = gpu.commands("points in boxes");
-    commands.stage(stage).dispatch(&gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(boxes.len() as u64));
+    commands.stage(stage).dispatch(&gpu.prepare(&kernel)?, &binds, Workgroups::Covering(boxes.len() as u64));
     commands.run()
 }
 

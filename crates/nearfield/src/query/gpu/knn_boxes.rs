@@ -117,7 +117,7 @@ impl NearestRun<'_> {
             constants: &[("WORKGROUP", f64::from(dealing.workgroup))],
             ..Kernel::new(GpuAabbTree::KERNEL, "find_nearest", &accesses, dealing.workgroup)
         };
-        commands.dispatch(&self.tree.gpu().pipeline(&kernel)?, &binds, dealing.covering());
+        commands.dispatch(&self.tree.gpu().prepare(&kernel)?, &binds, dealing.covering());
         Ok(())
     }
 }

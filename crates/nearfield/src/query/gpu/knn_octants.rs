@@ -75,7 +75,7 @@ impl NearestOnDevice for GpuLinearOctree {
         ];
         let visitor: [Bind; 2] = [(&rows.ids).into(), (&rows.dist2).into()];
         let covering = Workgroups::Covering(queries.len() as u64);
-        commands.dispatch_with_visitor(&self.gpu().pipeline(&kernel)?, &binds, &visitor, covering);
+        commands.dispatch_with_visitor(&self.gpu().prepare(&kernel)?, &binds, &visitor, covering);
         Ok(None)
     }
 

@@ -85,7 +85,7 @@ impl Packs {
         let mut binds = run.binds(0, &self.dealing)?;
         binds.extend(left.binds());
         commands.clear(&left.number);
-        commands.dispatch(&gpu.pipeline(&kernel)?, &binds, self.dealing.covering());
+        commands.dispatch(&gpu.prepare(&kernel)?, &binds, self.dealing.covering());
         Ok(left)
     }
 }

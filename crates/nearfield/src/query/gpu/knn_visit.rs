@@ -32,7 +32,7 @@ pub(crate) fn visit_nearest(tree: &GpuAabbTree, question: &Knn<'_>, visitor: &Vi
     let visitor_accesses: Vec<Access> = visitor.bindings.iter().map(|(access, _)| *access).collect();
     let visitor_binds: Vec<Bind> = visitor.bindings.iter().map(|(_, bind)| bind.clone()).collect();
     let fills = [("package::structure::visitor", Fill::Module(visitor.module))];
-    let pipeline = gpu.pipeline(&Kernel {
+    let pipeline = gpu.prepare(&Kernel {
         visitor_bindings: &visitor_accesses,
         fills: &fills,
         // An invocation answers each query alone.

@@ -94,7 +94,7 @@ pub(super) fn record_fill<S: GpuStructure>(
             ..Kernel::new("package::query::sort_rows", "sort_rows", &[Access::Uniform, Access::Read], WORKGROUP)
         };
         commands.dispatch_with_visitor(
-            &gpu.pipeline(&kernel)?,
+            &gpu.prepare(&kernel)?,
             &[(&n_rows).into(), offsets.into()],
             &[(&indices).into(), dist2.into()],
             Workgroups::Covering(queries.len() as u64),
@@ -204,7 +204,7 @@ fn rows_of_list<S: GpuStructure>(structure: &S, question: &FixedRadius<'_>) -> R
     let n_rows = gpu.uniform("number of rows", &[n as u32, 0, 0, 0])?;
     let binds = [(&n_rows).into(), (&list.offsets).into(), (&starts).into(), (&lengths).into()];
     let mut commands = gpu.commands("starts and lengths of rows");
-    commands.dispatch(&gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(n as u64));
+    commands.dispatch(&gpu.prepare(&kernel)?, &binds, Workgroups::Covering(n as u64));
     commands.submit()?;
     Ok(GpuNeighborRows { starts, lengths, indices: list.indices, report: list.report })
 }

@@ -176,7 +176,7 @@ impl Pairs {
             ("keeps_masks", task == Task::KeepMasks),
             ("fills", task == Task::Fill),
         ]);
-        self.gpu.pipeline(&Kernel {
+        self.gpu.prepare(&Kernel {
             features: &features,
             constants: &[("WORKGROUP", f64::from(WORKGROUP))],
             ..Kernel::new(self.module, "find_pairs", accesses, WORKGROUP)

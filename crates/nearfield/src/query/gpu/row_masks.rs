@@ -223,7 +223,7 @@ impl<'a, S: GpuStructure> MaskSearch<'a, S> {
             constants: &[("WORKGROUP", f64::from(RESERVE_WORKGROUP))],
             ..Kernel::new("package::query::reserve_rows", "reserve_rows", &accesses, RESERVE_WORKGROUP)
         };
-        commands.clear(&taken).dispatch(&gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(n as u64));
+        commands.clear(&taken).dispatch(&gpu.prepare(&kernel)?, &binds, Workgroups::Covering(n as u64));
         Ok(())
     }
 
@@ -275,7 +275,7 @@ impl<'a, S: GpuStructure> MaskSearch<'a, S> {
             constants: &[("WORKGROUP", f64::from(EXPAND_WORKGROUP))],
             ..Kernel::new(module, entry, &accesses, EXPAND_WORKGROUP)
         };
-        let pipeline = self.structure.gpu().pipeline(&kernel)?;
+        let pipeline = self.structure.gpu().prepare(&kernel)?;
         commands.dispatch(&pipeline, &binds, Workgroups::Covering(invocations));
         Ok(())
     }

@@ -246,7 +246,7 @@ pub(super) fn restored_points<S: GpuStructure>(structure: &S, window: Range<usiz
     };
     let mut commands = gpu.commands("restore order");
     commands.dispatch(
-        &gpu.pipeline(&kernel)?,
+        &gpu.prepare(&kernel)?,
         &[(&parameters).into(), structure.points().into(), (&restored).into()],
         Workgroups::Covering(structure.len() as u64),
     );
@@ -308,7 +308,7 @@ fn pipeline<S: GpuStructure>(
     ];
     // Invocations that share queries stand in workgroups of a size that the kernel knows.
     let constants = [("WORKGROUP", f64::from(workgroup))];
-    structure.gpu().pipeline(&Kernel {
+    structure.gpu().prepare(&Kernel {
         visitor_bindings: visitor.accesses,
         fills: &fills,
         features: &all,

@@ -216,7 +216,7 @@ fn record_sort(
         ..Kernel::new("package::query::ray_cast::sort_hits", "sort_hits", &[Uniform, Read, Read, ReadWrite], WORKGROUP)
     };
     let binds: [Bind; 4] = [(&batch).into(), offsets.into(), lengths.into(), records.into()];
-    commands.dispatch(&gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(counts.len() as u64));
+    commands.dispatch(&gpu.prepare(&kernel)?, &binds, Workgroups::Covering(counts.len() as u64));
     Ok(())
 }
 

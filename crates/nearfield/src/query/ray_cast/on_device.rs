@@ -127,7 +127,7 @@ pub(super) fn record<S: GpuRayStructure>(
         constants: &[("WORKGROUP", f64::from(WORKGROUP))],
         ..Kernel::new("package::query::ray_cast::cast", "cast_rays", &accesses, WORKGROUP)
     };
-    commands.dispatch_with_visitor(&gpu.pipeline(&kernel)?, &binds, visitor, rays.workgroups.clone());
+    commands.dispatch_with_visitor(&gpu.prepare(&kernel)?, &binds, visitor, rays.workgroups.clone());
     Ok(())
 }
 

@@ -49,10 +49,10 @@ impl Fitter {
             return Err(Error::Unsupported { what, advice: "use a smaller bucket or the CPU" });
         }
         let fit = |entry, accesses: &[Access]| {
-            gpu.pipeline(&Kernel::new("package::structure::aabb_tree::fit", entry, accesses, WORKGROUP))
+            gpu.prepare(&Kernel::new("package::structure::aabb_tree::fit", entry, accesses, WORKGROUP))
         };
         let on_points = |entry, accesses: &[Access]| {
-            gpu.pipeline(&Kernel {
+            gpu.prepare(&Kernel {
                 constants: &[("WORKGROUP", f64::from(MOVE_WORKGROUP))],
                 ..Kernel::new("package::structure::aabb_tree::move_points", entry, accesses, MOVE_WORKGROUP)
             })

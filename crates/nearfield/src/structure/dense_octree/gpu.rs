@@ -169,7 +169,7 @@ impl GpuDenseOctree {
     ) -> Result<Arc<Pipeline>> {
         let constants = [("WORKGROUP", f64::from(WORKGROUP))];
         let kernel = Kernel::new(module, entry, bindings, WORKGROUP);
-        self.gpu.pipeline(&Kernel { features, constants: &constants, ..kernel })
+        self.gpu.prepare(&Kernel { features, constants: &constants, ..kernel })
     }
 
     /// Where cells stand in the arrays.

@@ -135,7 +135,7 @@ mod on_gpu {
             let count: Buffer<u32> = gpu.buffer("number of leaves", 1)?;
             let mut commands = gpu.commands("leaves");
             commands.dispatch(
-                &gpu.pipeline(&kernel("flag_leaves", &[Uniform, Read, Read, ReadWrite]))?,
+                &gpu.prepare(&kernel("flag_leaves", &[Uniform, Read, Read, ReadWrite]))?,
                 &[(&self.layout_buffer).into(), (&self.nodes).into(), (&self.pre_order).into(), (&flags).into()],
                 Workgroups::Covering(n as u64),
             );
@@ -145,7 +145,7 @@ mod on_gpu {
             let leaves = gpu.buffer("leaves", n_leaves)?;
             let mut commands = gpu.commands("nodes of leaves");
             commands.dispatch(
-                &gpu.pipeline(&kernel("gather_leaves", &[Uniform, Read, Read, ReadWrite]))?,
+                &gpu.prepare(&kernel("gather_leaves", &[Uniform, Read, Read, ReadWrite]))?,
                 &[
                     (&gpu.uniform("leaf parameters", &[n_leaves as u32, 0, 0, 0])?).into(),
                     (&numbers).into(),
@@ -190,7 +190,7 @@ mod on_gpu {
             let mut commands = gpu.commands("count leaves around leaves");
             let accesses = [Uniform, Uniform, Read, Read, ReadWrite, Read];
             commands.dispatch(
-                &gpu.pipeline(&kernel("count_touching", &accesses[..5]))?,
+                &gpu.prepare(&kernel("count_touching", &accesses[..5]))?,
                 &[
                     (&parameters).into(),
                     (&self.layout_buffer).into(),
@@ -215,7 +215,7 @@ mod on_gpu {
             let nodes: Buffer<u32> = gpu.buffer("contacts of leaves", total as usize)?;
             let mut commands = gpu.commands("fill leaves around leaves");
             commands.dispatch(
-                &gpu.pipeline(&kernel("fill_touching", &accesses))?,
+                &gpu.prepare(&kernel("fill_touching", &accesses))?,
                 &[
                     (&parameters).into(),
                     (&self.layout_buffer).into(),

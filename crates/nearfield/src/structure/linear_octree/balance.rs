@@ -135,7 +135,7 @@ mod on_gpu {
             let keys = SortedKeys::<K>::new(gpu, n, curve, self.sorted_levels, key_levels)?;
             let (features, accesses) = (features(curve, key_levels), [Uniform, Read, Read, Read, ReadWrite]);
             let count_cut_nodes =
-                gpu.pipeline(&linker::kernel(MODULE, "count_cut_nodes", &features, &accesses, WORKGROUP))?;
+                gpu.prepare(&linker::kernel(MODULE, "count_cut_nodes", &features, &accesses, WORKGROUP))?;
             let parameters = gpu.uniform("leaf parameters", &[n as u32, 0, keys.levels, 0])?;
             let cut_parameters = gpu.uniform("cut parameters", &[n as u32, 0, octants.len() as u32, 0])?;
             let summary: Buffer<OctreeSummary> = gpu.buffer("octree summary", 1)?;
@@ -203,7 +203,7 @@ mod on_gpu {
             let kernel = kernel("flag_new", self.curve(), &[Access::Uniform, Access::Read, Access::ReadWrite]);
             let parameters = gpu.uniform("balance parameters", &[n as u32, level as u32, 0, 0])?;
             commands.dispatch(
-                &gpu.pipeline(&kernel.as_kernel())?,
+                &gpu.prepare(&kernel.as_kernel())?,
                 &[(&parameters).into(), (&sorted).into(), (&flags).into()],
                 Workgroups::Covering(n as u64),
             );
@@ -219,7 +219,7 @@ mod on_gpu {
             );
             let parameters = gpu.uniform("balance parameters", &[n_cut as u32, 0, 0, 0])?;
             commands.dispatch(
-                &gpu.pipeline(&kernel.as_kernel())?,
+                &gpu.prepare(&kernel.as_kernel())?,
                 &[(&parameters).into(), (&sorted).into(), (&cut).into(), (&places).into()],
                 Workgroups::Covering(n_cut as u64),
             );
@@ -239,7 +239,7 @@ mod on_gpu {
             let parameters = self.gpu.uniform("balance parameters", &parameters)?;
             let all: &Buffer<OctreeNode> = &self.nodes;
             commands.dispatch(
-                &self.gpu.pipeline(&kernel.as_kernel())?,
+                &self.gpu.prepare(&kernel.as_kernel())?,
                 &[(&parameters).into(), all.into(), octants.into()],
                 Workgroups::Covering(nodes.len() as u64),
             );
@@ -259,7 +259,7 @@ mod on_gpu {
         let kernel = kernel(entry, curve, &[Access::Uniform, Access::Read, Access::ReadWrite]);
         let parameters = gpu.uniform("balance parameters", &[count as u32, first as u32, 0, 0])?;
         commands.dispatch(
-            &gpu.pipeline(&kernel.as_kernel())?,
+            &gpu.prepare(&kernel.as_kernel())?,
             &[(&parameters).into(), (*from).into(), (*to).into()],
             Workgroups::Covering(count as u64),
         );

@@ -42,8 +42,7 @@ impl<K: SortKey> Sorter<K> {
     fn new(gpu: &Gpu, n: usize, curve: Curve, levels: u32, key_levels: u32) -> Result<Self> {
         use Access::{Read, ReadWrite, Uniform};
         let features = features(curve, key_levels);
-        let pipeline =
-            |entry, bindings: &[Access]| gpu.pipeline(&kernel(LEAVES, entry, &features, bindings, WORKGROUP));
+        let pipeline = |entry, bindings: &[Access]| gpu.prepare(&kernel(LEAVES, entry, &features, bindings, WORKGROUP));
         Ok(Self {
             sorted: SortedKeys::new(gpu, n, curve, levels, key_levels)?,
             sort: GpuRadixSort::new(gpu, n)?,

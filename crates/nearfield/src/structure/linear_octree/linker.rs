@@ -84,13 +84,13 @@ impl<K: DeviceElement> SortedKeys<K> {
         use Access::{Read, ReadWrite, Uniform};
         let features = features(curve, key_levels);
         let pipeline =
-            |module, entry, bindings: &[Access]| gpu.pipeline(&kernel(module, entry, &features, bindings, WORKGROUP));
+            |module, entry, bindings: &[Access]| gpu.prepare(&kernel(module, entry, &features, bindings, WORKGROUP));
         Ok(Self {
             levels,
             key_levels,
             keys: gpu.buffer("sorted keys", n)?,
             compute_keys: pipeline(LEAVES, "compute_keys", &[Uniform, Uniform, Read, ReadWrite, ReadWrite])?,
-            summarize: gpu.pipeline(&kernel(LEAVES, "summarize", &features, &[Uniform, Read, ReadWrite], 1))?,
+            summarize: gpu.prepare(&kernel(LEAVES, "summarize", &features, &[Uniform, Read, ReadWrite], 1))?,
             emit_nodes: pipeline(NODES, "emit_nodes", &[Uniform, Read, Read, ReadWrite, ReadWrite])?,
             link_nodes: pipeline(NODES, "link_nodes", &[Uniform, Read, Read, Read, Read, Read, Read, ReadWrite, Read])?,
         })
@@ -223,7 +223,7 @@ impl NodeLinker {
         use Access::{Read, ReadWrite, Uniform};
         let gpu = &self.gpu;
         let pipeline = |entry, bindings: &[Access]| {
-            gpu.pipeline(&kernel(NODES, entry, &[("wide", false), ("hilbert", false)], bindings, WORKGROUP))
+            gpu.prepare(&kernel(NODES, entry, &[("wide", false), ("hilbert", false)], bindings, WORKGROUP))
         };
         let number_nodes =
             pipeline("number_nodes", &[Uniform, Read, Read, Read, ReadWrite, ReadWrite, ReadWrite, ReadWrite])?;

@@ -110,7 +110,7 @@ mod on_gpu {
             let located = self.gpu.buffer("nodes of points", points.len())?;
             let mut commands = self.gpu.commands("locate points");
             commands.stage("locate").dispatch(
-                &self.gpu.pipeline(&kernel)?,
+                &self.gpu.prepare(&kernel)?,
                 &[
                     (&parameters).into(),
                     (&self.layout_buffer).into(),

@@ -34,7 +34,7 @@ impl GpuVolumesAtBuild {
     pub(super) fn new(gpu: &Gpu, n_nodes: usize, radius: f32) -> Result<Self> {
         use Access::{Read, ReadWrite, Uniform};
         let kernel = |entry, accesses: &[Access]| {
-            gpu.pipeline(&Kernel {
+            gpu.prepare(&Kernel {
                 constants: &[("WORKGROUP", f64::from(WORKGROUP))],
                 ..Kernel::new("package::structure::moving_points::volume_ratio", entry, accesses, WORKGROUP)
             })

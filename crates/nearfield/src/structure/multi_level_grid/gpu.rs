@@ -62,7 +62,7 @@ impl MultiLevelGridBuilder {
         };
         Ok(Self {
             layout_buffer: gpu.uniform("layout of a grid of several levels", &layout)?,
-            compute_entries: gpu.pipeline(&kernel)?,
+            compute_entries: gpu.prepare(&kernel)?,
             gpu: gpu.clone(),
             layout,
             sorter,

@@ -35,7 +35,7 @@ impl Fitter {
         use Access::{Read, ReadWrite, Uniform};
         let kernel = |module, entry, accesses: &[Access]| {
             let constants = &[("WORKGROUP", f64::from(WORKGROUP))];
-            gpu.pipeline(&Kernel { constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
+            gpu.prepare(&Kernel { constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
         };
         let follow = ("package::structure::triangle_bvh::follow", "follow_triangles");
         let fit = ("package::structure::triangle_bvh::fit", "fit_level");

@@ -195,7 +195,7 @@ impl GridBuilder {
 fn compute_entries(gpu: &Gpu, layout: &GridLayout, period: Period, sorter: &CellSorter) -> Result<Arc<Pipeline>> {
     let features = [&features(layout, period)[..], &sorter.features()].concat();
     let accesses = [vec![Access::Uniform, Access::Read], sorter.accesses()].concat();
-    gpu.pipeline(&Kernel {
+    gpu.prepare(&Kernel {
         features: &features,
         constants: &[("WORKGROUP", f64::from(WORKGROUP))],
         ..Kernel::new("package::structure::uniform_grid::build", "compute_entries", &accesses, WORKGROUP)

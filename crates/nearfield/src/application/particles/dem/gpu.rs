@@ -129,7 +129,7 @@ impl GpuDem {
             )
         };
         Ok(Self {
-            integrate: gpu.pipeline(&kernel)?,
+            integrate: gpu.prepare(&kernel)?,
             integration: gpu.uniform("motion of grains", &integration)?,
             collisions: gpu.uniform("collisions of grains", &collide)?,
         })

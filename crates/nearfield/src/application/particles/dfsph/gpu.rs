@@ -115,7 +115,7 @@ impl Solver {
             features: &[("divergence", divergence)],
             ..Kernel::new(module, "conclude_iteration", &[Uniform, Read, ReadWrite], WORKGROUP)
         };
-        Ok(Self { divergence, conclude: gpu.pipeline(&kernel)?, last: DfsphProgress::zeroed() })
+        Ok(Self { divergence, conclude: gpu.prepare(&kernel)?, last: DfsphProgress::zeroed() })
     }
 }
 
@@ -124,7 +124,7 @@ impl Kernels {
         let (constants, module) =
             ([("WORKGROUP", f64::from(WORKGROUP))], "package::application::particles::dfsph::advance");
         let kernel = |entry, accesses| {
-            gpu.pipeline(&Kernel { constants: &constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
+            gpu.prepare(&Kernel { constants: &constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
         };
         let progress = "package::application::particles::dfsph::progress";
         // The same for both solvers.
@@ -137,7 +137,7 @@ impl Kernels {
             fall: kernel("fall", &[Uniform, Read, ReadWrite])?,
             take_up: kernel("take_up", &[Uniform, Read, Read, ReadWrite, ReadWrite])?,
             settle: kernel("settle", &[Uniform, Read, Read, ReadWrite, ReadWrite, Read, ReadWrite])?,
-            sum_excesses: gpu.pipeline(&sums)?,
+            sum_excesses: gpu.prepare(&sums)?,
         })
     }
 }

@@ -100,7 +100,7 @@ impl GpuPbf {
         let (constants, module) =
             ([("WORKGROUP", f64::from(WORKGROUP))], "package::application::particles::pbf::predict");
         let kernel = |entry, accesses| {
-            gpu.pipeline(&Kernel { constants: &constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
+            gpu.prepare(&Kernel { constants: &constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
         };
         let compression = "package::application::particles::pbf::compression";
         let sums = Kernel::new(compression, "sum_compressions", &[Uniform, Read, ReadWrite], WORKGROUP);
@@ -112,7 +112,7 @@ impl GpuPbf {
             fluid: gpu.uniform("position-based fluid", &fluid)?,
             predict: kernel("predict", &[Uniform, Read, ReadWrite, ReadWrite, ReadWrite])?,
             settle: kernel("settle", &[Uniform, Read, ReadWrite])?,
-            sum_compressions: gpu.pipeline(&sums)?,
+            sum_compressions: gpu.prepare(&sums)?,
             constrained: gpu.upload("constrained particles", &places)?,
             places: gpu.upload("places of particles", &places)?,
             curls: gpu.buffer("vorticity of particles", n_curls)?,

@@ -109,7 +109,7 @@ impl Kernels {
         let (constants, module) =
             ([("WORKGROUP", f64::from(WORKGROUP))], "package::application::particles::wcsph::advance");
         let kernel = |entry, accesses| {
-            gpu.pipeline(&Kernel { constants: &constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
+            gpu.prepare(&Kernel { constants: &constants, ..Kernel::new(module, entry, accesses, WORKGROUP) })
         };
         Ok(Self {
             set_out: kernel("set_out", &[Uniform, Read, Read, ReadWrite, ReadWrite])?,
@@ -122,7 +122,7 @@ impl Kernels {
 impl Limits {
     fn new(gpu: &Gpu, n_parts: u32) -> Result<Self> {
         let module = "package::application::particles::wcsph::limit";
-        let kernel = |entry, accesses| gpu.pipeline(&Kernel::new(module, entry, accesses, WORKGROUP));
+        let kernel = |entry, accesses| gpu.prepare(&Kernel::new(module, entry, accesses, WORKGROUP));
         Ok(Self {
             find: kernel("find_limits", &[Uniform, Read, Read, ReadWrite])?,
             apply: kernel("limit_step", &[Uniform, Read, ReadWrite])?,

@@ -131,7 +131,7 @@ impl<'a> Queries<'a> {
         let search = gpu.uniform("search parameters", &search)?;
         let own: [Bind; 3] = [(&search).into(), (&self.rows).into(), (&self.asked).into()];
         let binds: Vec<Bind> = own.into_iter().chain(binds.iter().map(|(_, bind)| bind.clone())).collect();
-        commands.dispatch(&gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(count as u64));
+        commands.dispatch(&gpu.prepare(&kernel)?, &binds, Workgroups::Covering(count as u64));
         Ok(())
     }
 

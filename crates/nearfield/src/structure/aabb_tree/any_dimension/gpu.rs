@@ -144,7 +144,7 @@ impl GpuAabbTreeN {
         let parameters = self.gpu.uniform("parameters of a refit", &parameters)?;
         let binds: Vec<Bind> = std::iter::once((&parameters).into()).chain(binds.iter().cloned()).collect();
         let invocations = u64::from(rows) * row_vectors(self.dimension) as u64;
-        commands.dispatch(&self.gpu.pipeline(&kernel)?, &binds, Workgroups::Covering(invocations));
+        commands.dispatch(&self.gpu.prepare(&kernel)?, &binds, Workgroups::Covering(invocations));
         Ok(())
     }
 
