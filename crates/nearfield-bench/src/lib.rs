@@ -24,6 +24,7 @@ pub mod provenance;
 pub mod rays;
 pub mod rivals;
 pub mod sets;
+pub mod small;
 pub mod targets;
 pub mod transfers;
 pub mod wlop;

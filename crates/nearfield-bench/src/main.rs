@@ -7,7 +7,7 @@ use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
 use nearfield_bench::{
     Result, applications, auto, baselines, curve, device, everyday, first_call, grid, growth, octree, paper, particles,
-    primitives, rays, rivals, targets, transfers, wlop,
+    primitives, rays, rivals, small, targets, transfers, wlop,
 };
 
 /// Measure Nearfield on this machine.
@@ -44,6 +44,8 @@ enum Command {
     Rivals(rivals::Arguments),
     /// Every row of the table of targets on one GPU, beside its target, the best peer and the floor
     Targets(targets::Arguments),
+    /// Wall clock of lists of few points, by a plan that keeps its memory and by a grid
+    Small(small::Arguments),
     /// Bytes a second to the device and back, beside a copy on the host
     Transfers(transfers::Arguments),
     /// Locally optimal projection: times of all variants, and CGAL's samples beside the library's
@@ -80,6 +82,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Command::Rays(arguments) => rays::run(&arguments),
         Command::Rivals(arguments) => rivals::run(&arguments),
         Command::Targets(arguments) => targets::run(&arguments),
+        Command::Small(arguments) => small::run(&arguments),
         Command::Transfers(arguments) => transfers::run(&arguments),
         Command::Wlop(arguments) => wlop::run(&arguments),
         Command::Baselines(arguments) => baselines::run(&arguments),

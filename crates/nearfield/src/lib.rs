@@ -48,7 +48,7 @@ pub use query::{
 };
 #[cfg(feature = "gpu")]
 pub use query::{
-    DeviceQueries, DeviceRays, ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index,
+    DeviceQueries, DeviceRays, ForEachOnDevice, GpuListPlan, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, Index,
     IndexSettings, RayIndex, RayIndexSettings, RayQuery, RayStructureChoice, RayTask, RaysOnDevice, SearchOnDevice,
     StructureChoice, Visitor,
 };

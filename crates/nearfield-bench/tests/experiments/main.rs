@@ -9,6 +9,7 @@ mod device_table;
 mod folder;
 mod grid;
 mod growth;
+mod host_side;
 mod octree;
 mod paper;
 #[path = "../../../nearfield/tests/support/mod.rs"]
@@ -28,6 +29,7 @@ fn main() {
         applications::trials(),
         auto::trials(),
         targets::trials(),
+        host_side::trials(),
     ];
     libtest_mimic::run(&Arguments::from_args(), by_subject.into_iter().flatten().collect()).exit();
 }

@@ -113,7 +113,7 @@ fn rows_alone(gpu: &Gpu) {
             assert!((number(get("missed_by")) / missed_by - 1.0).abs() < 1e-3, "{record:?}");
         }
     }
-    assert_eq!((judged, beside), (1, 1), "the grid and brute force, of which the faster is judged");
+    assert_eq!((judged, beside), (1, 2), "the grid, brute force and the plan, of which the fastest is judged");
     let text = fs::read_to_string(folder.0.join("targets.md")).expect("targets.md");
     assert!(text.contains("(beside)") && (text.contains("| met") || text.contains("**missed**")), "{text}");
 }

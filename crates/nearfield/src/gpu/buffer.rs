@@ -108,6 +108,11 @@ impl<T: DeviceElement> Buffer<T> {
         self.label
     }
 
+    /// Its first elements, at most as many as there are, in the same memory.
+    pub(crate) fn first(&self, len: usize) -> Self {
+        Self { len: len.min(self.len), ..self.clone() }
+    }
+
     /// Checks that the buffer is one of this context, where that is known.
     pub(super) fn check_context(&self, gpu: &Gpu) -> Result<()> {
         self.accounted.as_ref().map_or(Ok(()), |accounted| accounted.check_context(gpu, self.label))

@@ -45,10 +45,11 @@ pub use cpu::{ForEachNeighbor, ListRows};
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
-pub use gpu::{Asked, Batch, HitN, KNN_SPAN_POINTS, KnnBatch, KnnRun, PairSearch, SearchN};
+pub use gpu::{Asked, Batch, HitN, KNN_SPAN_POINTS, KnnBatch, KnnRun, PairSearch, SearchN, SmallList};
 #[cfg(feature = "gpu")]
 pub use gpu::{
-    DeviceQueries, ForEachOnDevice, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Visitor,
+    DeviceQueries, ForEachOnDevice, GpuListPlan, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice,
+    Visitor,
 };
 #[cfg(feature = "gpu")]
 pub(crate) use gpu::{VisitorModule, record_module, visit_nearest};

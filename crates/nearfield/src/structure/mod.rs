@@ -54,9 +54,9 @@ pub use moving_points::{MovingPoints, RebuildPolicy, UpdateAction, UpdateReason,
 #[cfg(feature = "gpu")]
 pub use multi_level_grid::{GpuMultiLevelGrid, LevelRule, MultiLevelGridBuilder};
 #[cfg(feature = "gpu")]
-pub(crate) use on_gpu::upload_points;
-#[cfg(feature = "gpu")]
 pub use on_gpu::{DevicePoint, Effort, GpuStructure};
+#[cfg(feature = "gpu")]
+pub(crate) use on_gpu::{device_point, upload_points};
 #[cfg(feature = "gpu")]
 pub use on_gpu_rays::GpuRayStructure;
 pub use ray_structure::{CountRayWork, HitVisitor, PreparedTriangles, RayStructure, RayWork};

@@ -8,6 +8,7 @@ mod coherent;
 mod grid_builds;
 mod kept_pipelines;
 mod knn_packs;
+mod list_plans;
 mod loss;
 mod memory;
 mod on_device_queries;
@@ -114,6 +115,7 @@ fn main() {
     trials.extend(rows::trials());
     trials.extend(transfers::trials());
     trials.extend(kept_pipelines::trials());
+    trials.extend(list_plans::trials());
     trials.extend(trees::trials());
     trials.extend(knn_packs::trials());
     trials.extend(ray_trees::trials());

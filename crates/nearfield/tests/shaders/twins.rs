@@ -14,7 +14,9 @@ use nearfield::application::{
 };
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
-use nearfield::query::{Asked, Batch, HitN, KnnBatch, KnnRun, PairSearch, RayBatch, SearchN, SortBatch, Sweep};
+use nearfield::query::{
+    Asked, Batch, HitN, KnnBatch, KnnRun, PairSearch, RayBatch, SearchN, SmallList, SortBatch, Sweep,
+};
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
 use nearfield::structure::cell_sort::CellSort;
@@ -273,6 +275,19 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ("MultiLevelLayout", layout_of!(MultiLevelLayout { n_points, n_levels, rule, padding, levels })),
         ("Layout", brute_force),
         ("Batch", batch),
+        (
+            "SmallList",
+            layout_of!(SmallList {
+                n_points,
+                window_words,
+                capacity,
+                exclude_self,
+                radius2,
+                padding_0,
+                padding_1,
+                padding_2
+            }),
+        ),
         ("PairSearch", layout_of!(PairSearch { capacity, n_pairs, radius, padding })),
         ("KnnRun", with_single_words(run)),
         ("KnnBatch", with_single_words(knn)),
