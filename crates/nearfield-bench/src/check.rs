@@ -288,6 +288,8 @@ fn wrong(what: String) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use nearfield::geometry::generate::{CloudKind, cloud};
+
     use super::*;
 
     #[test]

@@ -215,7 +215,7 @@ fn kernel_on_the_host() -> Result<String> {
     let module = parse()?;
     let validate = || {
         let (flags, capabilities) = (naga::valid::ValidationFlags::all(), naga::valid::Capabilities::SUBGROUP);
-        naga::valid::Validator::new(flags, capabilities).validate(&module).map(drop)
+        naga::valid::Validator::new(flags, capabilities).validate(&module).map(drop).map_err(Box::new)
     };
     validate()?;
     let composed = time(|| drop(black_box(compose())));

@@ -24,6 +24,9 @@ const MOST_PAIRS: [f64; 2] = [1e11, 1e9];
 /// A built structure, its times, and the most bytes that were held while it was built.
 type Built<S> = (S, Measured, u64);
 
+/// Builds a structure over points on the device.
+type Build<'a> = dyn Fn(&Buffer<DevicePoint>) -> Result<Box<dyn Counting>> + 'a;
+
 /// Measures every structure on the cloud.
 pub(super) fn measure(gpu: &Gpu, task: &Task<'_>, table: &mut Table) -> Result<()> {
     let (points, radius) = (&task.cloud.points, task.cloud.radius);
@@ -38,7 +41,7 @@ pub(super) fn measure(gpu: &Gpu, task: &Task<'_>, table: &mut Table) -> Result<(
     let bounds = reduce::bounds(points);
     let effort = effort(gpu);
     let mut total = None;
-    let mut by = |name, build: &dyn Fn(&Buffer<DevicePoint>) -> Result<Box<dyn Counting>>| -> Result<()> {
+    let mut by = |name, build: &Build<'_>| -> Result<()> {
         let row = if task.is_over() {
             Row::missing(task.cloud.kind, n, name, "left out: the budget is spent")
         } else {

@@ -14,6 +14,8 @@ use crate::folder::{Folder, choice, number};
 use crate::support::{gpu_trial, trial};
 
 const NEAREST: u32 = 8;
+/// Points of which all pairs are tested for the nearest.
+const FEW_FOR_NEAREST: usize = 128;
 
 pub(crate) fn trials() -> Vec<Trial> {
     vec![
@@ -35,9 +37,10 @@ fn cases() -> Vec<(&'static str, Vec<Vec3>, f32, StructureChoice)> {
     uneven.iter_mut().step_by(2).for_each(|p| *p *= 0.01);
     uneven.iter_mut().skip(1).step_by(2).for_each(|p| *p += Vec3::splat(0.02));
     vec![
-        // 2²⁰ pairs and fewer.
-        ("few", of(CloudKind::Uniform, 1024), 0.1, StructureChoice::BruteForce),
-        ("one more", of(CloudKind::Uniform, 1025), 0.1, StructureChoice::UniformGrid),
+        // 2¹⁴ pairs, for the nearest too; 2¹⁸ pairs and fewer, for a radius.
+        ("very few", of(CloudKind::Uniform, FEW_FOR_NEAREST), 0.1, StructureChoice::BruteForce),
+        ("few", of(CloudKind::Uniform, 512), 0.1, StructureChoice::BruteForce),
+        ("one more", of(CloudKind::Uniform, 513), 0.1, StructureChoice::UniformGrid),
         ("uniform", of(CloudKind::Uniform, 4000), 0.1, StructureChoice::UniformGrid),
         ("shell", of(CloudKind::Shell, 4000), 0.2, StructureChoice::UniformGrid),
         ("uneven", uneven, 0.01, StructureChoice::AabbTree),
@@ -74,7 +77,7 @@ fn picks_are_those_of_the_rule(gpu: Option<&Gpu>) {
             None => Index::build(&points, &nearest, &settings),
         };
         let index = index.expect("an index");
-        let few = expected == StructureChoice::BruteForce;
+        let few = points.len() <= FEW_FOR_NEAREST;
         // Devices that end long loops get the octree, whose loops can be foreseen.
         let limited = gpu.is_some_and(|gpu| gpu.limits().loop_rounds.is_some());
         let expected = match (few, limited) {

@@ -298,19 +298,21 @@ impl Gpu {
     /// # Errors
     /// `DeviceLost`; `Device` where the submission takes longer than ten minutes.
     pub(super) fn wait(&self, operation: &str, submission: wgpu::SubmissionIndex) -> Result<()> {
-        let ask = |timeout| {
-            let submission_index = Some(submission.clone());
-            self.inner.device.poll(wgpu::PollType::Wait { submission_index, timeout: Some(timeout) })
-        };
-        // A software renderer needs the core for itself.
+        let device = &self.inner.device;
+        // A software renderer needs the core for itself. Polls ask about the queue and not about the submission: with a time limit, wgpu takes what another
+        // thread has cleared away meanwhile for a fault of its own.
         let spin = if self.inner.kind == AdapterKind::Software { Duration::ZERO } else { SPIN };
         let start = Instant::now();
-        let mut outcome = Err(wgpu::PollError::Timeout);
-        while matches!(outcome, Err(wgpu::PollError::Timeout)) && start.elapsed() < spin {
-            outcome = ask(Duration::ZERO);
+        let mut outcome = None;
+        while outcome.is_none() && start.elapsed() < spin {
+            outcome = device.poll(wgpu::PollType::Poll).ok().filter(wgpu::PollStatus::is_queue_empty).map(Ok);
         }
-        if matches!(outcome, Err(wgpu::PollError::Timeout)) {
-            outcome = ask(WAIT_LIMIT);
+        let outcome = outcome.unwrap_or_else(|| {
+            device.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(WAIT_LIMIT) })
+        });
+        if outcome.is_err() {
+            // The news of a loss come with a poll.
+            let _ = device.poll(wgpu::PollType::Poll);
         }
         self.check_lost()?;
         if let Some(cache) = self.disk_cache() {

@@ -226,7 +226,7 @@ mod tests {
     fn every_changed_byte_and_every_cut_is_noticed() {
         let folder = std::env::temp_dir().join(format!("nearfield-pipelines-{}", std::process::id()));
         let file = folder.join("a.bin");
-        let data: Vec<u8> = (0..1003u32).map(|i| (i * 7919 >> 3) as u8).collect();
+        let data: Vec<u8> = (0..1003u32).map(|i| ((i * 7919) >> 3) as u8).collect();
         write(&file, "this", &data).unwrap();
         assert_eq!(read(&file, "this").unwrap(), data);
         assert!(read(&file, "that").is_err());

@@ -155,8 +155,10 @@ impl Staging {
     /// Hands the memory to the device again, if it is mapped or about to be. There must be no view of it.
     pub(super) fn unmap(&mut self) {
         if !self.can_be_kept {
+            // Taken back while another thread's poll is about to map it, it would stay mapped.
+            let is_settled = self.wait_until_mapped("staging memory").is_ok();
             self.raw.unmap();
-            self.can_be_kept = true;
+            self.can_be_kept = is_settled;
         }
     }
 }

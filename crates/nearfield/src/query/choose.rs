@@ -13,23 +13,27 @@ use super::{FixedRadius, Knn, Radius};
 use crate::geometry::Period;
 use crate::{Error, Result};
 
-/// Below this many pairs of query and point, testing all of them beats building anything.
-const BRUTE_FORCE_PAIRS: u64 = 1 << 20;
+/// Up to this many pairs of query and point, testing all of them beats building anything where a radius is asked for, and where the nearest are. A
+/// thousand points of their own set, brute force and the best structure with its build: counts 0.051 and 0.061 ms on an H200, lists 0.191 and
+/// 0.083, 16 nearest 0.640 and 0.161; on two cores 0.33 and 0.29, 0.97 and 0.48, 10.3 and 1.7.
+const BRUTE_FORCE_PAIRS: u64 = 1 << 18;
+const BRUTE_FORCE_PAIRS_OF_NEAREST: u64 = 1 << 14;
 /// Largest radius over the median one from which a tree is built: a query of the median radius would be put to cells
 /// that hold 64 times as much as its ball.
 const VARIED_RADII: f32 = 4.0;
 /// Points in the cell of a point over those in an occupied cell, both on average, from which a tree is built. Build and
-/// count on two cores, grid and AABB-tree in ms: clustered sets at a ratio of 37: 233 and 131; at 104: 1076 and 688; at
+/// count on two cores, grid and AABB-tree in ms: clustered sets at a ratio of 8.9: 8.6 and 2.4; at 37: 233 and 131; at 104: 1076 and 688; at
 /// 138: 227 and 180; but at 88, where a used cell has 11 points, 161 and 261. Even sets have 1.1 to 3.3, and the grid
-/// is as fast or twice as fast there.
-const UNEVEN: f64 = 32.0;
+/// is as fast or twice as fast there. On an H200 at 8.9: 0.126 and 0.189; at 37: 0.320 and 0.332; at 104: 3.26 and 2.61.
+const UNEVEN: f64 = 6.0;
+const UNEVEN_ON_A_GPU: f64 = 32.0;
 /// Radii whose median is taken.
 const RADII_SAMPLE: usize = 4096;
 
 /// Which structure to build.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum StructureChoice {
-    /// Brute force for a few thousand points; the uniform grid for one radius; else a tree. [`Index::reason`] says why.
+    /// Brute force for a few hundred points; the uniform grid for one radius; else a tree. [`Index::reason`] says why.
     ///
     /// [`Index::reason`]: super::Index::reason
     #[default]
@@ -130,9 +134,18 @@ impl Purpose<'_> {
 }
 
 /// The structure that fits these points and questions, and why, in one sentence.
-pub(super) fn choose(points: &[Vec3], purpose: &Purpose<'_>, period: &Period) -> (StructureChoice, String) {
+pub(super) fn choose(
+    points: &[Vec3],
+    purpose: &Purpose<'_>,
+    period: &Period,
+    is_on_gpu: bool,
+) -> (StructureChoice, String) {
     let (n, n_queries) = (points.len(), purpose.n_queries(points.len()));
-    let (structure, why) = if n as u64 * n_queries as u64 <= BRUTE_FORCE_PAIRS {
+    let few = match purpose {
+        Purpose::FixedRadius(_) => BRUTE_FORCE_PAIRS,
+        Purpose::Knn(_) => BRUTE_FORCE_PAIRS_OF_NEAREST,
+    };
+    let (structure, why) = if n as u64 * n_queries as u64 <= few {
         (StructureChoice::BruteForce, format!("{n_queries} queries of {n} points are too few to build anything for"))
     } else {
         match purpose {
@@ -143,13 +156,16 @@ pub(super) fn choose(points: &[Vec3], purpose: &Purpose<'_>, period: &Period) ->
                 StructureChoice::NEAREST,
                 format!("a tree finds the {k} nearest without testing all within the radius"),
             ),
-            Purpose::FixedRadius(question) => by_radius(points, question, period),
+            Purpose::FixedRadius(question) => {
+                let uneven = if is_on_gpu { UNEVEN_ON_A_GPU } else { UNEVEN };
+                by_radius(points, question, period, uneven)
+            }
         }
     };
     (structure, format!("auto chose {}: {why}", structure.name()))
 }
 
-fn by_radius(points: &[Vec3], question: &FixedRadius<'_>, period: &Period) -> (StructureChoice, String) {
+fn by_radius(points: &[Vec3], question: &FixedRadius<'_>, period: &Period, uneven: f64) -> (StructureChoice, String) {
     let largest = question.largest_radius();
     if let Radius::Each(radii) = question.radius {
         let median = median(radii);
@@ -163,7 +179,7 @@ fn by_radius(points: &[Vec3], question: &FixedRadius<'_>, period: &Period) -> (S
     };
     let [a_cell, a_point, share] = [found.a_cell, found.a_point, 100.0 * found.share].map(short);
     let (high, most) = (found.high, found.most);
-    if found.a_point > UNEVEN * found.a_cell {
+    if found.a_point > uneven * found.a_cell {
         let why = format!(
             "points fill cells of the radius very unevenly, {a_cell} in a used cell on average but {a_point} in the cell \
              of a point (99 % have at most {high}, the fullest {most})"
@@ -198,7 +214,7 @@ mod tests {
     use crate::geometry::generate::{CloudKind, cloud};
 
     fn chosen(points: &[Vec3], purpose: impl Into<Purpose<'static>>) -> (StructureChoice, String) {
-        let (structure, reason) = choose(points, &purpose.into(), &Period::NONE);
+        let (structure, reason) = choose(points, &purpose.into(), &Period::NONE, false);
         assert!(reason.starts_with(&format!("auto chose {}: ", structure.name())), "{reason}");
         (structure, reason)
     }
@@ -240,12 +256,20 @@ mod tests {
 
     #[test]
     fn few_pairs_are_tested_one_by_one() {
-        let points = cloud(CloudKind::Uniform, 1024, 7).points;
+        let points = cloud(CloudKind::Uniform, 512, 7).points;
         assert_eq!(chosen(&points, &FixedRadius::new(0.1)).0, StructureChoice::BruteForce);
-        assert_eq!(chosen(&points, &Knn::new(3)).0, StructureChoice::BruteForce);
+        assert_eq!(chosen(&points[..128], &Knn::new(3)).0, StructureChoice::BruteForce);
+        assert_eq!(chosen(&points[..129], &Knn::new(3)).0, StructureChoice::NEAREST);
         assert_eq!(chosen(&[], &FixedRadius::new(0.1)).0, StructureChoice::BruteForce);
-        let more = cloud(CloudKind::Uniform, 1025, 7).points;
+        let more = cloud(CloudKind::Uniform, 513, 7).points;
         assert_eq!(chosen(&more, &FixedRadius::new(0.1)).0, StructureChoice::UniformGrid);
+    }
+
+    #[test]
+    fn a_gpu_takes_the_grid_for_clusters_that_are_less_dense() {
+        let (points, question) = (cloud(CloudKind::Clustered, 10_000, 7).points, FixedRadius::new(0.0093));
+        let on = |is_on_gpu| choose(&points, &(&question).into(), &Period::NONE, is_on_gpu).0;
+        assert_eq!((on(false), on(true)), (StructureChoice::TREE, StructureChoice::UniformGrid));
     }
 
     #[test]
@@ -256,7 +280,7 @@ mod tests {
             assert!(structure == StructureChoice::NEAREST && reason.contains("the 8 nearest"), "{reason}");
         }
         let by = |ratio: f32| (0..2000).map(|i| if i % 3 == 0 { 0.02 * ratio } else { 0.02 }).collect::<Vec<f32>>();
-        let choice = |radii: &[f32]| choose(&points, &(&FixedRadius::each(radii)).into(), &Period::NONE);
+        let choice = |radii: &[f32]| choose(&points, &(&FixedRadius::each(radii)).into(), &Period::NONE, false);
         assert_eq!(choice(&by(3.9)).0, StructureChoice::UniformGrid);
         let (structure, reason) = choice(&by(5.0));
         assert!(

@@ -60,7 +60,7 @@ fn pipelines_are_kept_in_a_file(gpu: &Gpu) {
     assert_eq!(written.iter().map(modified).collect::<Vec<_>>(), times);
     use_once(gpu, Some(&folder));
     assert_eq!(files(&folder), written, "no file is left over");
-    fs::remove_dir_all(&folder).or(Ok::<_, ()>(())).unwrap();
+    fs::remove_dir_all(&folder).unwrap_or(());
 }
 
 fn damaged_files_do_no_harm(gpu: &Gpu) {
