@@ -27,16 +27,24 @@ impl OrderedPoints {
     /// If `order` is not a permutation of the points' indices (checked only as far as bounds and length).
     pub fn gather(points: &[Vec3], order: &[u32]) -> Self {
         assert_eq!(points.len(), order.len(), "an order should name every point once");
-        let column = |axis: usize| -> Vec<f32> {
-            let mut values = Vec::with_capacity(order.len() + Self::PADDING);
-            order.par_iter().with_min_len(1 << 14).map(|&i| points[i as usize][axis]).collect_into_vec(&mut values);
-            values.extend([f32::INFINITY; Self::PADDING]);
-            values
-        };
+        /// Points that one thread gathers.
+        const CHUNK: usize = 1 << 14;
+        let n = order.len();
+        let [mut x, mut y, mut z] = [(); 3].map(|()| vec![0f32; n + Self::PADDING]);
+        for column in [&mut x, &mut y, &mut z] {
+            column[n..].fill(f32::INFINITY);
+        }
+        // One look at each point: where the order is random, each look is a cache miss.
+        let columns = x[..n].par_chunks_mut(CHUNK).zip(y[..n].par_chunks_mut(CHUNK)).zip(z[..n].par_chunks_mut(CHUNK));
+        columns.zip(order.par_chunks(CHUNK)).for_each(|(((x, y), z), order)| {
+            for (((x, y), z), &i) in x.iter_mut().zip(y).zip(z).zip(order) {
+                [*x, *y, *z] = points[i as usize].to_array();
+            }
+        });
         let mut ids = Vec::with_capacity(order.len() + Self::PADDING);
         ids.extend_from_slice(order);
         ids.extend([u32::MAX; Self::PADDING]);
-        Self { len: order.len(), x: column(0), y: column(1), z: column(2), ids }
+        Self { len: n, x, y, z, ids }
     }
 
     /// Points that stand in the order already, with the indices that they have in the caller's order.

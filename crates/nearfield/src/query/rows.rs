@@ -1,6 +1,7 @@
 //! Rows of neighbours on their way to an answer: order and cap within a row, and the assembly of tasks into one list.
 
-use std::ops::Range;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicU32, AtomicU64};
 
 use rayon::prelude::*;
 
@@ -125,12 +126,21 @@ pub(crate) fn available_memory() -> u64 {
     known().unwrap_or(u64::MAX)
 }
 
-/// Where a row stands: the task that found it, and the place in its hits.
-#[derive(Debug, Clone, Copy)]
-struct FoundRow {
-    task: u32,
-    length: u32,
-    start: usize,
+/// Where the row of each query stands: the task that found it above, the place in that task's hits below.
+struct RowPlaces(Vec<AtomicU64>);
+
+impl RowPlaces {
+    /// Bits of a place: so many hits of one task would be 4 TiB. Tasks have at least 4,096 queries each, so their numbers fit above.
+    const BITS: u32 = 40;
+
+    fn put(&self, query: u32, task: usize, start: usize) {
+        self.0[query as usize].store((task as u64) << Self::BITS | start as u64, Relaxed);
+    }
+
+    fn get(&self, query: usize) -> (usize, usize) {
+        let place = self.0[query].load(Relaxed);
+        ((place >> Self::BITS) as usize, (place & ((1 << Self::BITS) - 1)) as usize)
+    }
 }
 
 /// Brings the tasks' rows into query order.
@@ -138,33 +148,38 @@ struct FoundRow {
 /// # Errors
 /// `OutOfMemory`.
 pub(super) fn assemble(tasks: Vec<TaskRows>, n_queries: usize, distances: bool) -> Result<Neighbors> {
-    // Rows in the order in which they were found, and for each query the number of its row: only this is scattered.
-    let n_rows = tasks.iter().map(|t| t.queries.len()).sum();
-    let mut found = Vec::with_capacity(n_rows);
-    let mut row_of = vec![0u32; n_queries];
-    for (number, task) in tasks.iter().enumerate() {
+    // Only length and place of the rows are scattered, by all threads: no two tasks have a query in common.
+    let lengths: Vec<AtomicU32> = all_zero(n_queries);
+    let places = RowPlaces(all_zero(n_queries));
+    tasks.par_iter().enumerate().for_each(|(number, task)| {
         let mut start = 0;
         for (&query, &length) in task.queries.iter().zip(&task.lengths) {
-            row_of[query as usize] = found.len() as u32;
-            found.push(FoundRow { task: number as u32, length, start });
+            lengths[query as usize].store(length, Relaxed);
+            places.put(query, number, start);
             start += length as usize;
         }
-    }
-    let lengths: Vec<u32> = row_of.par_iter().map(|&row| found[row as usize].length).collect();
+    });
+    let lengths: Vec<u32> = lengths.into_iter().map(AtomicU32::into_inner).collect();
     let offsets = scan::exclusive_u64(&lengths);
-    let rows = |queries: Range<usize>| row_of[queries].iter().map(|&row| found[row as usize]);
     let mut cut: Vec<CutRow> = tasks.iter().flat_map(|t| t.cut.iter().copied()).collect();
     cut.sort_unstable_by_key(|c| c.query);
-    let indices = gather(&offsets, rows, |task| &tasks[task].hits.ids)?;
+    let indices = gather(&offsets, &places, |task| &tasks[task].hits.ids)?;
     let distances = match distances {
         true => {
-            let mut values = gather(&offsets, rows, |task| &tasks[task].hits.dist2)?;
+            let mut values = gather(&offsets, &places, |task| &tasks[task].hits.dist2)?;
             values.par_iter_mut().with_min_len(1 << 14).for_each(|d| *d = d.sqrt());
             Some(values)
         }
         false => None,
     };
+    // Giving back the pages takes the system as long as it took to find some of the rows.
+    tasks.into_par_iter().for_each(drop);
     Ok(Neighbors { offsets, indices, distances, cut, ..Neighbors::default() })
+}
+
+/// Words that threads share, first touched by all of them.
+fn all_zero<T: Default + Send>(len: usize) -> Vec<T> {
+    (0..len).into_par_iter().with_min_len(1 << 14).map(|_| T::default()).collect()
 }
 
 /// The tasks' rows one after the other, as they stand.
@@ -195,20 +210,25 @@ pub(super) fn concatenate(tasks: &[TaskRows], n_queries: usize) -> Result<Neighb
 
 /// Zeros that the machine's memory is only touched for where they are written first.
 pub(super) fn zeroed<T: bytemuck::Zeroable>(len: usize) -> Result<Vec<T>> {
-    bytemuck::allocation::try_zeroed_vec(len).map_err(|()| Error::OutOfMemory {
+    bytemuck::allocation::try_zeroed_vec(len).map_err(|()| no_memory::<T>(len))
+}
+
+/// The error where there is no memory for so many values.
+pub(super) fn no_memory<T>(len: usize) -> Error {
+    Error::OutOfMemory {
         what: "the list of neighbours",
         needed: (len * size_of::<T>()) as u64,
         available: available_memory(),
-    })
+    }
 }
 
 /// Queries whose rows one thread copies.
 const GATHER_QUERIES: usize = 1 << 13;
 
-/// Copies the rows of all queries, which `rows` names for a range of queries, to where `offsets` says.
-fn gather<'a, T: bytemuck::Pod + Send + Sync, R: Iterator<Item = FoundRow>>(
+/// Copies the rows of all queries, which stand at `places`, to where `offsets` says.
+fn gather<'a, T: bytemuck::Pod + Send + Sync>(
     offsets: &[u64],
-    rows: impl Fn(Range<usize>) -> R + Sync,
+    places: &RowPlaces,
     column: impl Fn(usize) -> &'a Vec<T> + Sync,
 ) -> Result<Vec<T>> {
     let n_queries = offsets.len() - 1;
@@ -223,9 +243,10 @@ fn gather<'a, T: bytemuck::Pod + Send + Sync, R: Iterator<Item = FoundRow>>(
     }
     parts.into_par_iter().for_each(|(queries, part)| {
         let mut rest = part;
-        for row in rows(queries) {
-            let (to, after) = rest.split_at_mut(row.length as usize);
-            to.copy_from_slice(&column(row.task as usize)[row.start..row.start + row.length as usize]);
+        for query in queries {
+            let (task, start) = places.get(query);
+            let (to, after) = rest.split_at_mut((offsets[query + 1] - offsets[query]) as usize);
+            to.copy_from_slice(&column(task)[start..start + to.len()]);
             rest = after;
         }
     });

@@ -1,20 +1,25 @@
 //! The nearest points on the CPU: queries in packs along the curve, spans near them from the tree, SIMD over each span.
 
 use std::ops::Range;
+use std::sync::atomic::AtomicU32;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Instant;
 
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::by_pack::ByPack;
 use super::{Knn, KnnSearch, NearestNeighbors};
 use crate::Result;
+use crate::geometry::OrderedPoints;
+use crate::geometry::distance::Period;
 use crate::geometry::row_simd::{self, Ball, Hits, Simd};
-use crate::query::{NeighborSearch, Neighbors, cpu, rows};
+use crate::query::{FixedRadius, NeighborSearch, Neighbors, cpu, rows};
 use crate::structure::{AabbTree, BruteForce, CpuStructure, LinearOctree};
 
 /// The best so far of one query.
 #[derive(Debug, Default)]
-struct Best {
+pub(super) struct Best {
     k: usize,
     /// Squared distance and index, in this order of significance: squared distances are not negative, so their bits
     /// order like numbers, and ties fall to the lower index.
@@ -31,10 +36,28 @@ impl Best {
         (self.k, self.most, self.reach2) = (k, k, radius * radius);
     }
 
+    /// Finds the nearest of a query; `hits` is memory to work in.
+    pub(super) fn search<S: NearestFirst>(
+        &mut self,
+        tree: &S,
+        question: &Question<'_>,
+        center: Vec3,
+        radius: f32,
+        hits: &mut Hits,
+    ) {
+        self.begin(question.wanted, radius);
+        tree.nearest_first(center, question.wanted, radius, |span| {
+            hits.clear();
+            let ball = Ball { center, radius2: self.reach2, period: question.period };
+            row_simd::collect::<true>(question.simd, question.points, std::slice::from_ref(&span), &ball, hits);
+            self.add(hits);
+            self.reach2
+        });
+    }
+
     #[inline]
-    fn add(&mut self, hits: &Hits, left_out: Option<u32>) {
-        let kept = hits.iter().filter(|hit| Some(hit.0) != left_out);
-        self.keys.extend(kept.map(|(id, dist2)| u64::from(dist2.to_bits()) << 32 | u64::from(id)));
+    fn add(&mut self, hits: &Hits) {
+        self.keys.extend(hits.iter().map(key));
         if self.keys.len() >= self.most {
             self.keys.select_nth_unstable(self.k - 1);
             self.keys.truncate(self.k);
@@ -44,32 +67,91 @@ impl Best {
     }
 
     /// All that were kept, the nearest first.
-    fn finish(&mut self) -> &[u64] {
+    pub(super) fn finish(&mut self) -> &[u64] {
         self.keys.sort_unstable();
         self.keys.truncate(self.k);
         &self.keys
     }
 }
 
+/// A hit as a number that orders by distance, then by index.
+#[inline(always)]
+pub(super) fn key((id, dist2): (u32, f32)) -> u64 {
+    u64::from(dist2.to_bits()) << 32 | u64::from(id)
+}
+
+/// What was found for one query, the nearest first.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    pub(super) ids: Vec<u32>,
+    pub(super) dist2: Vec<f32>,
+    /// Memory to work in.
+    pub(super) keys: Vec<u64>,
+}
+
+impl Found {
+    pub(super) fn take_keys(&mut self, keys: &[u64]) {
+        self.ids.clear();
+        self.ids.extend(keys.iter().map(|&key| key as u32));
+        self.dist2.clear();
+        self.dist2.extend(keys.iter().map(|&key| f32::from_bits((key >> 32) as u32)));
+    }
+
+    /// Leaves out the query itself; where as many duplicates of lower index stand before it, it is not there, and the last goes
+    /// when the row is cut.
+    pub(super) fn leave_out(&mut self, id: u32) {
+        if let Some(own) = self.ids.iter().position(|&found| found == id) {
+            self.ids.remove(own);
+            self.dist2.remove(own);
+        }
+    }
+}
+
+/// A question as the search of one query sees it.
+pub(super) struct Question<'a> {
+    pub(super) simd: Simd,
+    pub(super) points: &'a OrderedPoints,
+    pub(super) period: Period,
+    pub(super) queries: &'a OrderedPoints,
+    /// Radii.
+    pub(super) within: FixedRadius<'a>,
+    /// Neighbours to find, the query itself included where it is left out in the end; 1 or more.
+    pub(super) wanted: usize,
+    pub(super) exclude_self: bool,
+}
+
 /// Hits that are gathered before the worst are dropped, beside half of k.
 const SPARE: usize = 8;
 
-/// Rows of one task: whose they are, and their entries side by side.
-#[derive(Debug, Default)]
-struct TaskRows {
-    queries: Vec<u32>,
-    indices: Vec<u32>,
-    distances: Vec<f32>,
+/// All rows in query order, `k` places each. Threads write rows of different queries: plain stores on every processor, and safe.
+struct Rows {
+    k: usize,
+    indices: Vec<AtomicU32>,
+    distances: Vec<AtomicU32>,
 }
 
 /// A tree that hands out its points the nearest first.
-trait NearestFirst: CpuStructure {
+pub(super) trait NearestFirst: CpuStructure + Sized {
     /// Name of that search.
     const NEAREST: &'static str;
 
     /// Hands spans of points to `test`, each point at most once and near ones first, until nothing that is left can lie
     /// within `radius` and the squared distance that `test` returned last. At least `wanted` points are of interest.
     fn nearest_first(&self, query: Vec3, wanted: usize, radius: f32, test: impl FnMut(Range<usize>) -> f32);
+
+    /// Finds the rows of the queries of packs and hands them to `push`.
+    fn find(&self, question: &Question<'_>, packs: &[u32], mut push: impl FnMut(u32, &Found)) {
+        let (mut best, mut hits, mut row) = (Best::default(), Hits::default(), Found::default());
+        for place in packs[0] as usize..packs[packs.len() - 1] as usize {
+            let (center, id) = (question.queries.position(place), question.queries.id(place));
+            best.search(self, question, center, question.within.radius_of(id as usize), &mut hits);
+            row.take_keys(best.finish());
+            if question.exclude_self {
+                row.leave_out(id);
+            }
+            push(id, &row);
+        }
+    }
 }
 
 impl NearestFirst for LinearOctree {
@@ -85,6 +167,10 @@ impl NearestFirst for AabbTree {
 
     fn nearest_first(&self, query: Vec3, _: usize, radius: f32, test: impl FnMut(Range<usize>) -> f32) {
         self.boxes_nearest_first(query, radius * radius, test);
+    }
+
+    fn find(&self, question: &Question<'_>, packs: &[u32], push: impl FnMut(u32, &Found)) {
+        ByPack::default().find(self, question, packs, push);
     }
 }
 
@@ -104,93 +190,63 @@ fn knn<S: NearestFirst>(tree: &S, question: &Knn<'_>) -> Result<NearestNeighbors
     let points = tree.points();
     question.validate(points.len())?;
     let start = Instant::now();
-    let (simd, period, places) = (Simd::best(), tree.period(), question.places(points.len()));
+    let places = question.places(points.len());
     let within = question.as_fixed_radius();
-    let wanted = places + usize::from(question.exclude_self);
     let queries = cpu::ordered(tree, question.queries)?;
     let packs = &queries.packs[..];
-    let find = |task: Range<usize>| {
-        let range = packs[task.start] as usize..packs[task.end] as usize;
-        let mut made = TaskRows::with_capacity(range.len(), places);
-        let (mut best, mut hits) = (Best::default(), Hits::default());
-        for place in range {
-            let (center, id) = (queries.points.position(place), queries.points.id(place));
-            let left_out = question.exclude_self.then_some(id);
-            let radius = within.radius_of(id as usize);
-            best.begin(places, radius);
-            if places > 0 {
-                tree.nearest_first(center, wanted, radius, |span| {
-                    hits.clear();
-                    let ball = Ball { center, radius2: best.reach2, period };
-                    row_simd::collect::<true>(simd, points, std::slice::from_ref(&span), &ball, &mut hits);
-                    best.add(&hits, left_out);
-                    best.reach2
-                });
-            }
-            made.push(id, best.finish(), places);
-        }
-        made
+    let asked = Question {
+        simd: Simd::best(),
+        points,
+        period: tree.period(),
+        queries: &queries.points,
+        within,
+        wanted: places + usize::from(question.exclude_self),
+        exclude_self: question.exclude_self,
     };
-    let made: Vec<TaskRows> = cpu::tasks(packs).into_par_iter().map(find).collect();
+    let n_queries = within.len(points.len());
+    let rows = Rows::new(n_queries, question.k as usize)?;
+    cpu::tasks(packs).into_par_iter().filter(|_| places > 0).for_each(|task| {
+        tree.find(&asked, &packs[task.start..=task.end], |id, row| rows.put(id as usize, row, places));
+    });
     let mut report = cpu::report(tree, "row_simd::collect");
     report.search = S::NEAREST;
     report.host_stage("query", start);
-    let start = Instant::now();
-    let n_queries = within.len(points.len());
-    let mut nearest = assemble(&made, n_queries, places, question.k as usize)?;
-    report.host_stage("assemble", start);
-    nearest.report = report;
-    Ok(nearest)
+    let (indices, distances) = rows.into_parts();
+    Ok(NearestNeighbors { k: question.k as usize, n_queries, indices, distances, report })
 }
 
-impl TaskRows {
-    fn with_capacity(n_queries: usize, places: usize) -> Self {
-        let entries = n_queries * places;
-        Self {
-            queries: Vec::with_capacity(n_queries),
-            indices: Vec::with_capacity(entries),
-            distances: Vec::with_capacity(entries),
+impl Rows {
+    /// Rows without a neighbour.
+    ///
+    /// # Errors
+    /// `OutOfMemory`.
+    fn new(n_queries: usize, k: usize) -> Result<Self> {
+        let filled = |word: u32| -> Result<Vec<AtomicU32>> {
+            let n = n_queries * k;
+            let mut words = Vec::new();
+            words.try_reserve_exact(n).map_err(|_| rows::no_memory::<u32>(n))?;
+            // All threads share the first touch of the pages.
+            (0..n).into_par_iter().with_min_len(1 << 14).map(|_| AtomicU32::new(word)).collect_into_vec(&mut words);
+            Ok(words)
+        };
+        Ok(Self { k, indices: filled(NearestNeighbors::NONE)?, distances: filled(f32::INFINITY.to_bits())? })
+    }
+
+    /// Writes a row, cut to `places`.
+    fn put(&self, query: usize, row: &Found, places: usize) {
+        let (start, n) = (query * self.k, row.ids.len().min(places));
+        for (to, &id) in self.indices[start..start + n].iter().zip(&row.ids) {
+            to.store(id, Relaxed);
+        }
+        for (to, &d2) in self.distances[start..start + n].iter().zip(&row.dist2) {
+            to.store(d2.sqrt().to_bits(), Relaxed);
         }
     }
 
-    /// Adds a row, filled up to `places`.
-    fn push(&mut self, query: u32, keys: &[u64], places: usize) {
-        self.queries.push(query);
-        let end = self.indices.len() + places;
-        self.indices.extend(keys.iter().map(|&key| key as u32));
-        self.distances.extend(keys.iter().map(|&key| f32::from_bits((key >> 32) as u32).sqrt()));
-        self.indices.resize(end, NearestNeighbors::NONE);
-        self.distances.resize(end, f32::INFINITY);
+    fn into_parts(self) -> (Vec<u32>, Vec<f32>) {
+        let indices = self.indices.into_iter().map(AtomicU32::into_inner).collect();
+        (indices, self.distances.into_iter().map(|bits| f32::from_bits(bits.into_inner())).collect())
     }
-}
-
-/// Queries whose rows one thread copies.
-const GATHER_QUERIES: usize = 1 << 12;
-
-/// Brings rows of `places` entries into query order, and fills them up to `k`.
-fn assemble(tasks: &[TaskRows], n_queries: usize, places: usize, k: usize) -> Result<NearestNeighbors> {
-    let mut indices = rows::zeroed(n_queries * k)?;
-    let mut distances = rows::zeroed(n_queries * k)?;
-    if k > 0 {
-        let mut row_of = vec![(0u32, 0u32); n_queries];
-        for (number, task) in tasks.iter().enumerate() {
-            for (row, &query) in task.queries.iter().enumerate() {
-                row_of[query as usize] = (number as u32, row as u32);
-            }
-        }
-        let parts = indices.par_chunks_mut(k * GATHER_QUERIES).zip(distances.par_chunks_mut(k * GATHER_QUERIES));
-        parts.zip(row_of.par_chunks(GATHER_QUERIES)).for_each(|((indices, distances), row_of)| {
-            let rows = indices.chunks_exact_mut(k).zip(distances.chunks_exact_mut(k)).zip(row_of);
-            for ((indices, distances), &(task, row)) in rows {
-                let (task, from) = (&tasks[task as usize], row as usize * places);
-                indices[..places].copy_from_slice(&task.indices[from..from + places]);
-                distances[..places].copy_from_slice(&task.distances[from..from + places]);
-                indices[places..].fill(NearestNeighbors::NONE);
-                distances[places..].fill(f32::INFINITY);
-            }
-        });
-    }
-    Ok(NearestNeighbors { k, n_queries, indices, distances, ..NearestNeighbors::default() })
 }
 
 impl KnnSearch for BruteForce {

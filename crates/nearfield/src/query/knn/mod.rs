@@ -3,8 +3,9 @@
 //! The search in a tree starts at the smallest node around the query that has k points, which gives a first distance, and
 //! then looks at every node that can hold something nearer; a radius bounds that distance from the start, and the search
 //! then starts at a node about as wide as the radius where that is smaller. Source: Friedman1977, who start in the leaf of a kd-tree.
-//! Cost: 8 bytes a neighbour, on the CPU about twice that while rows are put into query order.
+//! Cost: 8 bytes a neighbour.
 
+mod by_pack;
 mod cpu;
 
 use glam::Vec3;

@@ -30,6 +30,7 @@ mod fitter;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod layout;
+mod near_leaves;
 mod region;
 mod settings;
 mod shape;
@@ -47,6 +48,7 @@ pub use cpu::AabbTree;
 #[cfg(feature = "gpu")]
 pub use gpu::GpuAabbTree;
 pub use layout::{AabbNode, TreeLayout};
+pub(crate) use near_leaves::NearLeaves;
 pub use region::NodeBox;
 pub use settings::{AabbTreeSettings, BuildOrder, TreeSearch};
 pub use shape::TreeShape;

@@ -75,19 +75,24 @@ fn sorted_entries(layout: &GridLayout, points: &[Vec3]) -> Result<(Vec<u32>, Vec
 
 /// For each table entry the place of its first point, and the number of points at the end.
 fn entry_starts(keys: &[u32], table_size: u32) -> Result<Vec<u32>> {
+    /// Entries that one thread fills.
+    const CHUNK: usize = 1 << 16;
     let len = table_size as usize + 1;
-    let mut starts = Vec::new();
-    starts.try_reserve_exact(len).map_err(|_| Error::OutOfMemory {
+    let mut starts: Vec<u32> = bytemuck::allocation::try_zeroed_vec(len).map_err(|()| Error::OutOfMemory {
         what: "the table of the grid",
         needed: 4 * len as u64,
         available: 0,
     })?;
-    for (place, &key) in keys.iter().enumerate() {
-        if starts.len() <= key as usize {
-            starts.resize(key as usize + 1, place as u32);
+    starts.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, starts)| {
+        let first = chunk * CHUNK;
+        let mut place = keys.partition_point(|&key| (key as usize) < first);
+        for (entry, start) in (first..).zip(starts) {
+            while keys.get(place).is_some_and(|&key| (key as usize) < entry) {
+                place += 1;
+            }
+            *start = place as u32;
         }
-    }
-    starts.resize(len, keys.len() as u32);
+    });
     Ok(starts)
 }
 
