@@ -22,11 +22,14 @@ const BRUTE_FORCE_PAIRS_OF_NEAREST: u64 = 1 << 14;
 /// that hold 64 times as much as its ball.
 const VARIED_RADII: f32 = 4.0;
 /// Points in the cell of a point over those in an occupied cell, both on average, from which a tree is built. Build and
-/// count on two cores, grid and AABB-tree in ms: clustered sets at a ratio of 8.9: 8.6 and 2.4; at 37: 233 and 131; at 104: 1076 and 688; at
+/// count on two cores, grid and AABB-tree in ms: clustered sets at a ratio of 37: 233 and 131; at 104: 1076 and 688; at
 /// 138: 227 and 180; but at 88, where a used cell has 11 points, 161 and 261. Even sets have 1.1 to 3.3, and the grid
-/// is as fast or twice as fast there. On an H200 at 8.9: 0.126 and 0.189; at 37: 0.320 and 0.332; at 104: 3.26 and 2.61.
-const UNEVEN: f64 = 6.0;
-const UNEVEN_ON_A_GPU: f64 = 32.0;
+/// is as fast or twice as fast there. On an H200 at 37: 0.320 and 0.332; at 104: 3.26 and 2.61.
+const UNEVEN: f64 = 32.0;
+/// The same on the CPU where a used cell has fewer points than `SPARSE`: at a ratio of 8.9 and 1.8 points 8.6 and 2.4 ms on two cores, but
+/// 0.126 and 0.189 on an H200.
+const UNEVEN_AND_SPARSE: f64 = 6.0;
+const SPARSE: f64 = 4.0;
 /// Radii whose median is taken.
 const RADII_SAMPLE: usize = 4096;
 
@@ -156,16 +159,18 @@ pub(super) fn choose(
                 StructureChoice::NEAREST,
                 format!("a tree finds the {k} nearest without testing all within the radius"),
             ),
-            Purpose::FixedRadius(question) => {
-                let uneven = if is_on_gpu { UNEVEN_ON_A_GPU } else { UNEVEN };
-                by_radius(points, question, period, uneven)
-            }
+            Purpose::FixedRadius(question) => by_radius(points, question, period, is_on_gpu),
         }
     };
     (structure, format!("auto chose {}: {why}", structure.name()))
 }
 
-fn by_radius(points: &[Vec3], question: &FixedRadius<'_>, period: &Period, uneven: f64) -> (StructureChoice, String) {
+fn by_radius(
+    points: &[Vec3],
+    question: &FixedRadius<'_>,
+    period: &Period,
+    is_on_gpu: bool,
+) -> (StructureChoice, String) {
     let largest = question.largest_radius();
     if let Radius::Each(radii) = question.radius {
         let median = median(radii);
@@ -179,6 +184,8 @@ fn by_radius(points: &[Vec3], question: &FixedRadius<'_>, period: &Period, uneve
     };
     let [a_cell, a_point, share] = [found.a_cell, found.a_point, 100.0 * found.share].map(short);
     let (high, most) = (found.high, found.most);
+    let is_sparse = !is_on_gpu && found.a_cell < SPARSE;
+    let uneven = if is_sparse { UNEVEN_AND_SPARSE } else { UNEVEN };
     if found.a_point > uneven * found.a_cell {
         let why = format!(
             "points fill cells of the radius very unevenly, {a_cell} in a used cell on average but {a_point} in the cell \
