@@ -1,6 +1,6 @@
 //! Recording of dispatches and copies in named stages, and their times.
 
-use std::sync::{Arc, OnceLock, mpsc};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, mpsc};
 
 use super::buffer::Accounted;
 use super::read_back::{Destination, ReadBack};
@@ -67,6 +67,8 @@ pub struct Recorded {
     label: &'static str,
     stages: Vec<Stage>,
     reads: Vec<Arc<Destination>>,
+    /// Held while it is submitted: threads that share it take turns with what is read back.
+    turn: Mutex<()>,
 }
 
 struct Stage {
@@ -249,7 +251,7 @@ impl Commands {
         // Without times to take, all dispatches between two copies are one pass.
         let steps = self.stages.drain(..).flat_map(|stage| stage.steps).collect();
         let stages = vec![Stage { name: self.label, steps }];
-        Ok(Recorded { gpu: self.gpu, label: self.label, stages, reads: self.reads })
+        Ok(Recorded { gpu: self.gpu, label: self.label, stages, reads: self.reads, turn: Mutex::new(()) })
     }
 
     /// Submits, waits, and returns the time of every stage; none where there is no memory to read them back.
@@ -274,11 +276,12 @@ impl Commands {
 }
 
 impl Recorded {
-    /// Submits without waiting; later reads see the results. Values of an earlier submission that were not taken are lost.
+    /// Submits without waiting; later reads see the results. Values of an earlier submission that were not taken are waited for and lost.
     ///
     /// # Errors
     /// As [`Commands::submit`].
     pub fn submit(&self) -> Result<()> {
+        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
         encode_and_submit(&self.gpu, self.label, &self.stages, &self.reads, None).map(drop)
     }
 }

@@ -81,6 +81,9 @@ impl Pool {
 
     /// Keeps staging memory that is not mapped; the oldest makes way.
     pub(super) fn keep_staging(&self, buffer: wgpu::Buffer, usage: BufferUsages, last_use: Option<SubmissionIndex>) {
+        if buffer.size() > MOST_STAGING_BYTES {
+            return;
+        }
         let mut staging = self.staging();
         staging.push(KeptStaging { usage, buffer, last_use });
         let mut bytes: u64 = staging.iter().map(|k| k.buffer.size()).sum();

@@ -184,7 +184,9 @@ impl GpuListPlan {
                 if self.on_device.is_none() {
                     self.on_device = Some(self.record(|_| Ok(()))?.0);
                 }
-                let total = self.on_device.as_ref().expect("work should be recorded").run()?;
+                // Work that failed is recorded anew, in case that its bindings could not be made.
+                let ran = self.on_device.as_ref().expect("work should be recorded").run();
+                let total = ran.inspect_err(|_| self.on_device = None)?;
                 if self.holds(total)? {
                     break total;
                 }
@@ -216,7 +218,8 @@ impl GpuListPlan {
                 let (work, (offsets, indices)) = self.record(read)?;
                 self.to_host = Some(HostWork { work, offsets, indices });
             }
-            let total = self.to_host.as_ref().expect("work should be recorded").work.run()?;
+            let ran = self.to_host.as_ref().expect("work should be recorded").work.run();
+            let total = ran.inspect_err(|_| self.to_host = None)?;
             if self.holds(total)? {
                 break total;
             }
@@ -262,13 +265,19 @@ impl GpuListPlan {
         }
         // A quarter more, for points that go on to gather.
         let (most, n) = (self.gpu.limits().binding_bytes / 4, u64::from(self.parameters.n_points));
-        let capacity = (u64::from(total) + u64::from(total) / 4).min(n * n).min(most.max(u64::from(total)));
+        let mut capacity = (u64::from(total) + u64::from(total) / 4).min(n * n).min(most.max(u64::from(total)));
         // The old memory makes way first; work that names it is recorded anew. Kernels never believe in memory that is not there.
         self.set_parameters(SmallList { capacity: 0, ..self.parameters })?;
         (self.on_device, self.to_host) = (None, None);
         self.indices = self.gpu.buffer("neighbour indices", 0)?;
         self.device_list.indices = self.indices.clone();
-        self.indices = self.gpu.buffer("neighbour indices", capacity as usize)?;
+        self.indices = match self.gpu.buffer("neighbour indices", capacity as usize) {
+            Err(Error::OutOfDeviceMemory { .. }) => {
+                capacity = u64::from(total);
+                self.gpu.buffer("neighbour indices", total as usize)?
+            }
+            made => made?,
+        };
         self.set_parameters(SmallList { capacity: capacity as u32, ..self.parameters })?;
         Ok(false)
     }

@@ -63,10 +63,11 @@ pub(super) fn list_on_device<S: GpuStructure>(
     let n = question.len(structure.len());
     let starts = RowStarts { by_query: gpu.buffer("row offsets", n + 1)?, by_place: None };
     let Some(mut search) = if_it_fits(MaskSearch::new(structure, ids, question))? else { return Ok(None) };
-    let total = search.find(|search, commands, sum| {
+    let found = search.find(|search, commands, sum| {
         GpuScan::new(gpu, n)?.record(commands, &search.counts, &starts.by_query, n)?;
         GpuReduce::new(gpu)?.record_sum(commands, &search.counts, n, sum)
-    })?;
+    });
+    let Some(total) = if_it_fits(found)? else { return Ok(None) };
     accept(ListSize { entries: total, longest_row: 0 })?;
     let Some(indices) = if_it_fits(search.write_rows(&starts, total))? else { return Ok(None) };
     Ok(Some(GpuNeighbors { offsets: starts.by_query, indices, dist2: None, report: search.report }))
