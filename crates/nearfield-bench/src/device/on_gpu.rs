@@ -1,12 +1,10 @@
 //! The rows of a GPU: times are the device's timestamps, but for the row from host memory and back.
 
-use std::time::Instant;
-
 use nearfield::gpu::Gpu;
 use nearfield::parallel::reduce;
-use nearfield::query::{Clock, NeighborSearch, Stage};
+use nearfield::query::{Clock, NeighborSearch};
 use nearfield::structure::GridBuilder;
-use nearfield::{FixedRadius, GpuUniformGrid, GridSettings, SearchOnDevice, Vec3};
+use nearfield::{FixedRadius, GridSettings, SearchOnDevice, Vec3};
 
 use super::table::Row;
 use super::timed::{self, Attempt, device_points, peaked};
@@ -84,16 +82,7 @@ pub(super) fn measure(
     add(attempted("build + list", listed));
     drop((builder, input));
 
-    let (list, measured, peak) = peaked(gpu, effort, || {
-        let start = Instant::now();
-        let grid = GpuUniformGrid::build(gpu, points, &settings)?;
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        let list = grid.list(&question)?;
-        let mut stages = vec![Stage { name: "upload + build", milliseconds, clock: Clock::Host }];
-        stages.extend(list.report.stages.iter().filter(|s| s.name != "total").cloned());
-        Ok((list, stages))
-    })?;
-    expected.check_list(list.offsets(), list.indices())?;
+    let (list, measured, peak) = timed::from_host(gpu, points, &question, &expected, effort)?;
     let batches = list.report.batches;
     let note = if batches > 1 { format!("in {batches} batches of queries") } else { String::new() };
     let search = list.report.search;

@@ -2,11 +2,16 @@
 //!
 //! Peaks of memory are taken before answers are read back, which would add to them.
 
+use std::time::Instant;
+
 use nearfield::gpu::{Buffer, Gpu};
 use nearfield::parallel::reduce::{GpuBounds, GpuReduce};
 use nearfield::query::{Clock, Stage};
 use nearfield::structure::DevicePoint;
-use nearfield::{FixedRadius, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice, Vec3};
+use nearfield::{
+    FixedRadius, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, GpuUniformGrid, GridSettings, NeighborSearch,
+    Neighbors, SearchOnDevice, Vec3,
+};
 
 use crate::check::{Expected, check_nearest};
 use crate::measure::{Effort, Measured, repeat};
@@ -48,6 +53,22 @@ pub(crate) fn peaked<T>(
     Ok((answer, measured, gpu.take_memory_peak()))
 }
 
+/// The same for what the device may be unable to do. `check` checks the answer and tells the search that ran and the answer's bytes.
+fn attempt<T>(
+    gpu: &Gpu,
+    effort: Effort,
+    make: impl FnMut() -> Result<(T, Vec<Stage>)>,
+    check: impl FnOnce(&T) -> Result<(&'static str, u64)>,
+) -> Result<Attempt> {
+    match peaked(gpu, effort, make) {
+        Ok((answer, measured, peak_bytes)) => {
+            let (search, answer_bytes) = check(&answer)?;
+            Ok(Ok(Timed { measured, search, peak_bytes, answer_bytes }))
+        }
+        Err(error) => Ok(Err(not_possible(error)?)),
+    }
+}
+
 /// Counts of the neighbours of all points, query alone.
 ///
 /// # Errors
@@ -77,15 +98,11 @@ pub(crate) fn list(
     effort: Effort,
     make: impl FnMut() -> Result<(GpuNeighbors, Vec<Stage>)>,
 ) -> Result<Attempt> {
-    match peaked(gpu, effort, make) {
-        Ok((list, measured, peak_bytes)) => {
-            let offsets: Vec<u64> = gpu.read(&list.offsets)?.into_iter().map(u64::from).collect();
-            expected.check_list(&offsets, &gpu.read(&list.indices)?)?;
-            let answer_bytes = list.offsets.bytes() + list.indices.bytes();
-            Ok(Ok(Timed { measured, search: list.report.search, peak_bytes, answer_bytes }))
-        }
-        Err(error) => Ok(Err(not_possible(error)?)),
-    }
+    attempt(gpu, effort, make, |list| {
+        let offsets: Vec<u64> = gpu.read(&list.offsets)?.into_iter().map(u64::from).collect();
+        expected.check_list(&offsets, &gpu.read(&list.indices)?)?;
+        Ok((list.report.search, list.offsets.bytes() + list.indices.bytes()))
+    })
 }
 
 /// A list with rows in completion order, as `make` gives it with its stages.
@@ -98,16 +115,12 @@ pub(crate) fn rows(
     effort: Effort,
     make: impl FnMut() -> Result<(GpuNeighborRows, Vec<Stage>)>,
 ) -> Result<Attempt> {
-    match peaked(gpu, effort, make) {
-        Ok((rows, measured, peak_bytes)) => {
-            let lengths = gpu.read(&rows.lengths)?;
-            expected.check_counts(&lengths)?;
-            expected.check_rows(&gpu.read(&rows.starts)?, &lengths, &gpu.read(&rows.indices)?)?;
-            let answer_bytes = rows.starts.bytes() + rows.lengths.bytes() + rows.indices.bytes();
-            Ok(Ok(Timed { measured, search: rows.report.search, peak_bytes, answer_bytes }))
-        }
-        Err(error) => Ok(Err(not_possible(error)?)),
-    }
+    attempt(gpu, effort, make, |rows| {
+        let lengths = gpu.read(&rows.lengths)?;
+        expected.check_counts(&lengths)?;
+        expected.check_rows(&gpu.read(&rows.starts)?, &lengths, &gpu.read(&rows.indices)?)?;
+        Ok((rows.report.search, rows.starts.bytes() + rows.lengths.bytes() + rows.indices.bytes()))
+    })
 }
 
 /// The `k` nearest of all points, as `make` gives them with their stages.
@@ -121,14 +134,35 @@ pub(crate) fn nearest(
     effort: Effort,
     make: impl FnMut() -> Result<(GpuNearestNeighbors, Vec<Stage>)>,
 ) -> Result<Attempt> {
-    match peaked(gpu, effort, make) {
-        Ok((found, measured, peak_bytes)) => {
-            check_nearest(points, k, &gpu.read(&found.indices)?)?;
-            let answer_bytes = found.indices.bytes() + found.dist2.bytes();
-            Ok(Ok(Timed { measured, search: found.report.search, peak_bytes, answer_bytes }))
-        }
-        Err(error) => Ok(Err(not_possible(error)?)),
-    }
+    attempt(gpu, effort, make, |found| {
+        check_nearest(points, k, &gpu.read(&found.indices)?)?;
+        Ok((found.report.search, found.indices.bytes() + found.dist2.bytes()))
+    })
+}
+
+/// The way from points on the host to the list there by the grid, with the last list and the peak of the memory.
+///
+/// # Errors
+/// Of the build and the list; a wrong answer.
+pub(crate) fn from_host(
+    gpu: &Gpu,
+    points: &[Vec3],
+    question: &FixedRadius<'_>,
+    expected: &Expected,
+    effort: Effort,
+) -> Result<(Neighbors, Measured, u64)> {
+    let settings = GridSettings::for_radius(question.largest_radius());
+    let (list, measured, peak_bytes) = peaked(gpu, effort, || {
+        let start = Instant::now();
+        let grid = GpuUniformGrid::build(gpu, points, &settings)?;
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
+        let list = grid.list(question)?;
+        let mut stages = vec![Stage { name: "upload + build", milliseconds, clock: Clock::Host }];
+        stages.extend(list.report.stages.iter().filter(|s| s.name != "total").cloned());
+        Ok((list, stages))
+    })?;
+    expected.check_list(list.offsets(), list.indices())?;
+    Ok((list, measured, peak_bytes))
 }
 
 /// The bounds of points on the device.

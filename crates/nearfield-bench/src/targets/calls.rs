@@ -1,17 +1,15 @@
 //! Whole calls by the host's clock: small sets, and points from host memory with the list back there.
 
-use std::time::Instant;
-
 use nearfield::parallel::reduce;
-use nearfield::query::{Clock, NeighborSearch, Stage};
+use nearfield::query::NeighborSearch;
 use nearfield::structure::GridBuilder;
-use nearfield::{FixedRadius, GpuBruteForce, GpuListPlan, GpuNeighbors, GpuUniformGrid, GridSettings, SearchOnDevice};
+use nearfield::{FixedRadius, GpuBruteForce, GpuListPlan, GpuNeighbors, GridSettings, SearchOnDevice};
 
 use super::bench::Bench;
 use super::row::{Figure, Outcome};
 use crate::Result;
 use crate::device::device_points;
-use crate::device::timed::{self, Attempt, peaked};
+use crate::device::timed::{self, Attempt};
 use crate::measure::{Effort, repeat};
 
 /// How much longer than the bare copies the call may take.
@@ -74,17 +72,7 @@ pub(super) fn small(bench: &mut Bench, set: &str) -> Result<Outcome> {
 pub(super) fn from_host(bench: &mut Bench, set: &str) -> Result<Outcome> {
     let (points, gpu, effort) = (bench.set(set)?, bench.gpu.clone(), bench.short_effort());
     let (expected, question, n) = (points.expected()?, FixedRadius::new(points.radius), points.points.len());
-    let settings = GridSettings::for_radius(points.radius);
-    let (list, measured, peak) = peaked(&gpu, effort, || {
-        let start = Instant::now();
-        let grid = GpuUniformGrid::build(&gpu, &points.points, &settings)?;
-        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        let list = grid.list(&question)?;
-        let mut stages = vec![Stage { name: "upload + build", milliseconds, clock: Clock::Host }];
-        stages.extend(list.report.stages.iter().filter(|s| s.name != "total").cloned());
-        Ok((list, stages))
-    })?;
-    expected.check_list(list.offsets(), list.indices())?;
+    let (list, measured, peak) = timed::from_host(&gpu, &points.points, &question, expected, effort)?;
     let entries = list.indices().len();
     drop(list);
 

@@ -136,12 +136,21 @@ impl Purpose<'_> {
     }
 }
 
+/// What of a device counts for the choice.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Device {
+    /// Whether it is a GPU.
+    pub(super) is_gpu: bool,
+    /// Whether it ends long loops: there the octree counts beforehand how far its loops really go, and the tree takes the worst case.
+    pub(super) ends_loops: bool,
+}
+
 /// The structure that fits these points and questions, and why, in one sentence.
 pub(super) fn choose(
     points: &[Vec3],
     purpose: &Purpose<'_>,
     period: &Period,
-    is_on_gpu: bool,
+    device: Device,
 ) -> (StructureChoice, String) {
     let (n, n_queries) = (points.len(), purpose.n_queries(points.len()));
     let few = match purpose {
@@ -152,6 +161,10 @@ pub(super) fn choose(
         (StructureChoice::BruteForce, format!("{n_queries} queries of {n} points are too few to build anything for"))
     } else {
         match purpose {
+            Purpose::Knn(Knn { k, radius: None, .. }) if device.ends_loops => (
+                StructureChoice::LinearOctree,
+                format!("this device ends long loops, and the {k} nearest have no radius to size cells by"),
+            ),
             Purpose::Knn(Knn { k, radius: None, .. }) => {
                 (StructureChoice::NEAREST, format!("the {k} nearest have no radius to size cells by"))
             }
@@ -159,7 +172,7 @@ pub(super) fn choose(
                 StructureChoice::NEAREST,
                 format!("a tree finds the {k} nearest without testing all within the radius"),
             ),
-            Purpose::FixedRadius(question) => by_radius(points, question, period, is_on_gpu),
+            Purpose::FixedRadius(question) => by_radius(points, question, period, device),
         }
     };
     (structure, format!("auto chose {}: {why}", structure.name()))
@@ -169,7 +182,7 @@ fn by_radius(
     points: &[Vec3],
     question: &FixedRadius<'_>,
     period: &Period,
-    is_on_gpu: bool,
+    device: Device,
 ) -> (StructureChoice, String) {
     let largest = question.largest_radius();
     if let Radius::Each(radii) = question.radius {
@@ -184,7 +197,7 @@ fn by_radius(
     };
     let [a_cell, a_point, share] = [found.a_cell, found.a_point, 100.0 * found.share].map(short);
     let (high, most) = (found.high, found.most);
-    let is_sparse = !is_on_gpu && found.a_cell < SPARSE;
+    let is_sparse = !device.is_gpu && found.a_cell < SPARSE;
     let uneven = if is_sparse { UNEVEN_AND_SPARSE } else { UNEVEN };
     if found.a_point > uneven * found.a_cell {
         let why = format!(
@@ -221,7 +234,7 @@ mod tests {
     use crate::geometry::generate::{CloudKind, cloud};
 
     fn chosen(points: &[Vec3], purpose: impl Into<Purpose<'static>>) -> (StructureChoice, String) {
-        let (structure, reason) = choose(points, &purpose.into(), &Period::NONE, false);
+        let (structure, reason) = choose(points, &purpose.into(), &Period::NONE, Device::default());
         assert!(reason.starts_with(&format!("auto chose {}: ", structure.name())), "{reason}");
         (structure, reason)
     }
@@ -275,7 +288,10 @@ mod tests {
     #[test]
     fn a_gpu_takes_the_grid_for_clusters_that_are_less_dense() {
         let (points, question) = (cloud(CloudKind::Clustered, 10_000, 7).points, FixedRadius::new(0.0093));
-        let on = |is_on_gpu| choose(&points, &(&question).into(), &Period::NONE, is_on_gpu).0;
+        let on = |is_gpu| {
+            let device = Device { is_gpu, ends_loops: false };
+            choose(&points, &(&question).into(), &Period::NONE, device).0
+        };
         assert_eq!((on(false), on(true)), (StructureChoice::TREE, StructureChoice::UniformGrid));
     }
 
@@ -287,7 +303,8 @@ mod tests {
             assert!(structure == StructureChoice::NEAREST && reason.contains("the 8 nearest"), "{reason}");
         }
         let by = |ratio: f32| (0..2000).map(|i| if i % 3 == 0 { 0.02 * ratio } else { 0.02 }).collect::<Vec<f32>>();
-        let choice = |radii: &[f32]| choose(&points, &(&FixedRadius::each(radii)).into(), &Period::NONE, false);
+        let choice =
+            |radii: &[f32]| choose(&points, &(&FixedRadius::each(radii)).into(), &Period::NONE, Device::default());
         assert_eq!(choice(&by(3.9)).0, StructureChoice::UniformGrid);
         let (structure, reason) = choice(&by(5.0));
         assert!(

@@ -127,16 +127,10 @@ impl Index {
         let (structure, reason) = match settings.structure {
             StructureChoice::Auto => {
                 validate::points(points)?;
-                let (structure, reason) = choose::choose(points, purpose, &period, gpu.is_some());
-                // There the octree counts beforehand how far its loops really go, and the tree takes the worst case.
-                let limited = gpu.is_some_and(|gpu| gpu.limits().loop_rounds.is_some());
-                let instead = limited && structure == StructureChoice::AabbTree && radius.is_none();
-                if instead {
-                    let reason = format!("auto chose linear-octree: this device ends long loops, and {reason}");
-                    (StructureChoice::LinearOctree, Some(reason.replace("auto chose aabb-tree: ", "")))
-                } else {
-                    (structure, Some(reason))
-                }
+                let ends_loops = gpu.is_some_and(|gpu| gpu.limits().loop_rounds.is_some());
+                let device = choose::Device { is_gpu: gpu.is_some(), ends_loops };
+                let (structure, reason) = choose::choose(points, purpose, &period, device);
+                (structure, Some(reason))
             }
             chosen => (chosen, None),
         };
