@@ -79,13 +79,7 @@ impl Gpu {
     /// `OutOfDeviceMemory`, `DeviceLost`.
     pub fn write<T: DeviceElement>(&self, buffer: &Buffer<T>, start: usize, data: &[T]) -> Result<()> {
         let end = start.saturating_add(data.len());
-        if end > buffer.len() {
-            return Err(Error::LengthMismatch {
-                what: buffer.label(),
-                found: end as u64,
-                expected: buffer.len() as u64,
-            });
-        }
+        check_range(buffer, &(start..end))?;
         self.check_lost()?;
         buffer.check_context(self)?;
         if data.is_empty() {
@@ -183,6 +177,7 @@ impl Gpu {
     }
 }
 
+/// Checks that the buffer has these elements.
 fn check_range<T: DeviceElement>(buffer: &Buffer<T>, range: &Range<usize>) -> Result<()> {
     if range.end > buffer.len() {
         let (found, expected) = (range.end as u64, buffer.len() as u64);

@@ -9,6 +9,7 @@ mod buffer;
 mod commands;
 mod context;
 mod copies;
+mod encode;
 mod host_memory;
 mod kernel;
 mod pipeline;
