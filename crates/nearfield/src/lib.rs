@@ -22,6 +22,7 @@ pub mod error;
 pub mod geometry;
 #[cfg(feature = "gpu")]
 pub mod gpu;
+mod host_memory;
 #[cfg(feature = "io")]
 pub mod io;
 pub mod parallel;

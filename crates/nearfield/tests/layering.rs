@@ -11,15 +11,16 @@ use std::path::{Path, PathBuf};
 /// what it may use. A module only uses what stands above it in this table.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("error", &[]),
+    ("host_memory", &["error"]),
     ("geometry", &["error"]),
     // Files become values of geometry; only an application, at the end of the flow, writes files itself.
     ("io", &["error", "geometry"]),
-    ("gpu", &["error"]),
+    ("gpu", &["error", "host_memory"]),
     // A reduction gives a bounding box: parallel knows the values of geometry, nothing above them.
-    ("parallel", &["error", "geometry", "gpu"]),
+    ("parallel", &["error", "host_memory", "geometry", "gpu"]),
     ("curve", &["error", "geometry", "gpu", "parallel"]),
     ("structure", &["error", "geometry", "gpu", "parallel", "curve"]),
-    ("query", &["error", "geometry", "gpu", "parallel", "curve", "structure"]),
+    ("query", &["error", "host_memory", "geometry", "gpu", "parallel", "curve", "structure"]),
     ("application", &["error", "geometry", "io", "gpu", "parallel", "curve", "structure", "query"]),
 ];
 

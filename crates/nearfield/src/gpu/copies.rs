@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::buffer::WORD;
 use super::transfer::copy_in_blocks;
-use super::{Buffer, DeviceElement, Gpu, host_memory};
-use crate::{Error, Result};
+use super::{Buffer, DeviceElement, Gpu};
+use crate::{Error, Result, host_memory};
 
 /// Bytes of elements that are made at a time, in the cache of one core.
 const MADE_BYTES: usize = 4096;

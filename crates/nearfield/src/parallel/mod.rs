@@ -14,6 +14,7 @@ pub mod compact;
 pub mod histogram;
 pub mod radix_sort;
 pub mod reduce;
+pub(crate) mod rows_to_fill;
 pub mod scan;
 #[cfg(feature = "gpu")]
 pub(crate) mod tile;

@@ -1,6 +1,6 @@
 //! A value for every query made of its row of neighbours, without a list of all rows.
 
-use super::cpu::for_each_query;
+use super::visit::for_each_query;
 use super::{FixedRadius, RowOrder};
 use crate::Result;
 use crate::geometry::row_simd::{self, Hits, Simd};
@@ -41,7 +41,7 @@ pub trait MapRows: CpuStructure {
         question.validate(self.points().len())?;
         let (simd, points) = (Simd::best(), self.points());
         let start = |n| (Vec::with_capacity(n), Hits::default());
-        let made = for_each_query(self, question, start, |(values, hits): &mut (Vec<_>, _), query| {
+        let (tasks, _) = for_each_query(self, question, start, |(values, hits): &mut (Vec<_>, _), query| {
             hits.clear();
             row_simd::collect::<false>(simd, points, query.spans, &query.ball, hits);
             if question.exclude_self
@@ -56,7 +56,7 @@ pub trait MapRows: CpuStructure {
             true
         })?;
         let mut in_order = vec![T::default(); question.len(points.len())];
-        for (id, value) in made.tasks.into_iter().flat_map(|(values, _)| values) {
+        for (id, value) in tasks.into_iter().flat_map(|(values, _)| values) {
             in_order[id as usize] = value;
         }
         Ok(in_order)

@@ -12,6 +12,7 @@ mod choose;
 mod closest_point;
 mod coherent;
 mod cpu;
+mod cpu_list;
 mod fixed_radius;
 #[cfg(feature = "gpu")]
 mod gpu;
@@ -19,6 +20,7 @@ mod gpu;
 mod index;
 mod knn;
 mod map_rows;
+mod marks;
 mod neighbors;
 #[cfg(feature = "gpu")]
 mod occupancy;
@@ -31,6 +33,7 @@ mod ray_index;
 mod report;
 mod rows;
 mod search;
+mod visit;
 
 pub use any_dimension::{CountsN, FixedRadiusN, KnnN, NearestFew, NearestN, NeighborsN, QueriesN, RadiusN, SearchWork};
 pub use boxes::{BoxSearch, Boxes};
@@ -41,7 +44,8 @@ pub use closest_point::{ClosestPoint, ClosestPointSearch};
 #[doc(hidden)]
 pub use coherent::Sweep;
 pub use coherent::{PhaseLanes, SearchCounters};
-pub use cpu::{ForEachNeighbor, ListRows};
+pub use cpu::ForEachNeighbor;
+pub use cpu_list::ListRows;
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]

@@ -4,8 +4,6 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use super::FixedRadius;
-use super::cpu::Query;
-use crate::geometry::row_simd::Ball;
 use crate::geometry::{Aabb, OrderedPoints};
 use crate::structure::CpuStructure;
 
@@ -38,11 +36,11 @@ pub(super) fn visit_in_parts<S: CpuStructure>(
     points: &OrderedPoints,
     places: Range<usize>,
     spans: &[Range<usize>],
-    visit: &mut dyn FnMut(&Query<'_>) -> bool,
+    visit: &mut dyn FnMut(Range<usize>, &[Range<usize>]) -> bool,
 ) -> bool {
     for (part, spans) in parts(structure, question, points, &places, spans) {
         let goes_on = match part == places {
-            true => visit_pack(structure, question, points, part, &spans, &mut *visit),
+            true => visit(part, &spans),
             false => visit_in_parts(structure, question, points, part, &spans, visit),
         };
         if !goes_on {
@@ -93,30 +91,11 @@ fn parts<'s, S: CpuStructure>(
     whole()
 }
 
-pub(super) fn visit_pack<S: CpuStructure>(
-    structure: &S,
-    question: &FixedRadius<'_>,
-    points: &OrderedPoints,
-    places: Range<usize>,
-    spans: &[Range<usize>],
-    mut visit: impl FnMut(&Query<'_>) -> bool,
-) -> bool {
-    for place in places {
-        let id = points.id(place);
-        let radius = question.radius_of(id as usize);
-        let ball = Ball { center: points.position(place), radius2: radius * radius, period: structure.period() };
-        if !visit(&Query { id, ball, spans }) {
-            return false;
-        }
-    }
-    true
-}
-
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
 
-    use super::super::cpu::ordered;
+    use super::super::visit::ordered;
     use super::*;
     use crate::geometry::generate::{CloudKind, cloud};
     use crate::structure::{AabbTree, AabbTreeSettings};
@@ -129,8 +108,8 @@ mod tests {
             let (places, mut spans) = (queries.pack(pack), Vec::new());
             look_up(tree, question, &queries.points, places.clone(), &mut spans);
             whole += places.len() * spans.iter().map(Range::len).sum::<usize>();
-            let mut add = |query: &Query<'_>| {
-                split += query.spans.iter().map(Range::len).sum::<usize>();
+            let mut add = |places: Range<usize>, spans: &[Range<usize>]| {
+                split += places.len() * spans.iter().map(Range::len).sum::<usize>();
                 true
             };
             assert!(visit_in_parts(tree, question, &queries.points, places, &spans, &mut add));

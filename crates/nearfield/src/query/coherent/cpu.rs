@@ -11,7 +11,7 @@ use super::sweep::swept;
 use crate::Result;
 use crate::geometry::row_simd::{self, Ball, Simd};
 use crate::geometry::{Aabb, OrderedPoints};
-use crate::query::cpu::OrderedQueries;
+use crate::query::visit::OrderedQueries;
 use crate::query::{FixedRadius, Queries};
 use crate::structure::{AabbTree, CpuStructure};
 

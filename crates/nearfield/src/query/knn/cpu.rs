@@ -14,7 +14,7 @@ use crate::Result;
 use crate::geometry::OrderedPoints;
 use crate::geometry::distance::Period;
 use crate::geometry::row_simd::{self, Ball, Hits, Simd};
-use crate::query::{FixedRadius, NeighborSearch, Neighbors, cpu, rows};
+use crate::query::{FixedRadius, NeighborSearch, Neighbors, cpu, rows, visit};
 use crate::structure::{AabbTree, BruteForce, CpuStructure, LinearOctree};
 
 /// The best so far of one query.
@@ -192,7 +192,7 @@ fn knn<S: NearestFirst>(tree: &S, question: &Knn<'_>) -> Result<NearestNeighbors
     let start = Instant::now();
     let places = question.places(points.len());
     let within = question.as_fixed_radius();
-    let queries = cpu::ordered(tree, question.queries)?;
+    let queries = visit::ordered(tree, question.queries)?;
     let packs = &queries.packs[..];
     let asked = Question {
         simd: Simd::best(),
@@ -205,7 +205,7 @@ fn knn<S: NearestFirst>(tree: &S, question: &Knn<'_>) -> Result<NearestNeighbors
     };
     let n_queries = within.len(points.len());
     let rows = Rows::new(n_queries, question.k as usize)?;
-    cpu::tasks(packs).into_par_iter().filter(|_| places > 0).for_each(|task| {
+    visit::tasks(packs).into_par_iter().filter(|_| places > 0).for_each(|task| {
         tree.find(&asked, &packs[task.start..=task.end], |id, row| rows.put(id as usize, row, places));
     });
     let mut report = cpu::report(tree, "row_simd::collect");
