@@ -6,6 +6,7 @@
 pub mod applications;
 pub mod auto;
 pub mod baselines;
+pub mod batches;
 pub mod check;
 pub mod clocks;
 pub mod curve;

@@ -6,8 +6,8 @@ use clap::{Parser, Subcommand};
 use nearfield::gpu::DeviceChoice;
 use nearfield_bench::provenance::{Device, Machine};
 use nearfield_bench::{
-    Result, applications, auto, baselines, curve, device, everyday, first_call, grid, growth, octree, paper, particles,
-    primitives, rays, rivals, small, targets, transfers, wlop,
+    Result, applications, auto, baselines, batches, curve, device, everyday, first_call, grid, growth, octree, paper,
+    particles, primitives, rays, rivals, small, targets, transfers, wlop,
 };
 
 /// Measure Nearfield on this machine.
@@ -24,6 +24,8 @@ enum Command {
     Applications(applications::Arguments),
     /// What auto builds for each set and question, beside every structure there is, and what its picks lose
     Auto(auto::Arguments),
+    /// All lists of a hundred million points on the CPU, some queries at a time, with the memory at its peak
+    Batches(batches::Arguments),
     /// Table of build, count and list on one device, beside the figures of other libraries.
     Device(device::Arguments),
     /// Wall clock of opening a device and of the first answer, with and without pipelines that were kept
@@ -72,6 +74,7 @@ fn run(arguments: Arguments) -> Result<()> {
     match arguments.command {
         Command::Applications(arguments) => applications::run(&arguments),
         Command::Auto(arguments) => auto::run(&arguments),
+        Command::Batches(arguments) => batches::run(&arguments),
         Command::Device(arguments) => device::run(&arguments),
         Command::FirstCall(arguments) => first_call::run(&arguments),
         Command::Grid(arguments) => grid::run(&arguments),

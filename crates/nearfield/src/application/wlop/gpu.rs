@@ -1,4 +1,4 @@
-//! Locally optimal projection on a device: points, samples, their trees and all sums stay there.
+//! Locally optimal projection on a device: points, samples, what finds them and all sums stay there.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -16,7 +16,8 @@ use crate::application::Watch;
 use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, StageTime, Workgroups};
 use crate::query::{DeviceQueries, Stage, VisitorModule, record_module};
 use crate::structure::{
-    AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BuildOrder, DevicePoint, GpuAabbTree, GpuStructure,
+    AabbTreeN, AabbTreeNSettings, AabbTreeSettings, BuildOrder, DevicePoint, GpuAabbTree, GpuStructure, GpuUniformGrid,
+    GridSettings,
 };
 
 use Access::{Read, ReadWrite, Uniform};
@@ -34,7 +35,7 @@ const STAGES: usize = 4;
 
 /// [`super::Wlop`] on a device, in f32. Positions agree with those of the CPU but for rounding.
 ///
-/// The tree over the points is built once; that over the samples, built along the Hilbert curve, is refitted in every iteration. Up to
+/// A grid over the points is built once; the tree over the samples, built along the Hilbert curve, is refitted in every iteration. Up to
 /// ten iterations are submitted together, after which the host reads the sums of their reports; samples that rest in between are left
 /// alone.
 pub struct GpuWlop {
@@ -44,7 +45,7 @@ pub struct GpuWlop {
     radius: f32,
     /// Sum of the moves below which the samples rest.
     least_move: f32,
-    inputs: GpuAabbTree,
+    inputs: GpuUniformGrid,
     /// `[n]` v by index, or nothing that is read.
     input_weights: Buffer<f32>,
     tree: GpuAabbTree,
@@ -92,7 +93,9 @@ impl GpuWlop {
         let radius = if positions.is_empty() { 1.0 } else { start::radius(settings, on_host, &samples)? };
         let formula = Formula::new(settings.variant, settings.weigh_inputs, radius.into());
         let along_curve = AabbTreeSettings::DEFAULT.order(BuildOrder::Hilbert);
-        let inputs = GpuAabbTree::build(gpu, points, &along_curve)?;
+        // All searches among the points have one radius, and the points stay.
+        let reach = formula.attraction.reach as f32 * radius;
+        let inputs = GpuUniformGrid::build(gpu, points, &GridSettings::for_radius(reach))?;
         let vectors: Vec<Vec3> = positions.iter().map(|&p| Vec3::from_array(p)).collect();
         let tree = GpuAabbTree::build(gpu, &vectors, &along_curve)?;
         let n = positions.len();
@@ -287,7 +290,7 @@ impl GpuWlop {
 /// v of all points, by index.
 fn input_weights(
     gpu: &Gpu,
-    inputs: &GpuAabbTree,
+    inputs: &GpuUniformGrid,
     density: &Density,
     radius: f32,
     watch: &mut Watch<'_>,
@@ -305,15 +308,15 @@ fn input_weights(
     Ok(weights)
 }
 
-fn visit(
+fn visit<S: GpuStructure>(
     commands: &mut Commands,
-    tree: &GpuAabbTree,
+    structure: &S,
     queries: &DeviceQueries<'_>,
     module: &'static str,
     bindings: &[(Access, Bind)],
 ) -> Result<()> {
     let visitor = VisitorModule { module, features: &[], bindings, rounds: [0, 0], combines: true };
-    record_module(commands, tree, queries, &visitor)
+    record_module(commands, structure, queries, &visitor)
 }
 
 /// Stages timed by the device's clock; a device without one has none.
