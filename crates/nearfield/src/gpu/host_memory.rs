@@ -11,7 +11,7 @@ const MANY_BYTES: usize = 4 << 20;
 ///
 /// # Errors
 /// `OutOfMemory`.
-pub(super) fn zeroed<T: Zeroable>(what: &'static str, len: usize) -> Result<Vec<T>> {
+pub(crate) fn zeroed<T: Zeroable>(what: &'static str, len: usize) -> Result<Vec<T>> {
     let needed = (len as u64).saturating_mul(size_of::<T>() as u64);
     let mut values =
         bytemuck::allocation::try_zeroed_vec(len).map_err(|()| Error::OutOfMemory { what, needed, available: 0 })?;

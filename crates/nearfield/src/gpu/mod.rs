@@ -10,7 +10,7 @@ mod commands;
 mod context;
 mod copies;
 mod encode;
-mod host_memory;
+pub(crate) mod host_memory;
 mod kernel;
 mod pipeline;
 mod pipeline_cache;
