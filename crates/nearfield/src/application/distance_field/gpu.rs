@@ -10,13 +10,14 @@ use crate::Result;
 use crate::application::GpuWindingNumber;
 use crate::geometry::{DistanceGrid, RegularGrid};
 use crate::gpu::Access::{Read, ReadWrite, Uniform};
-use crate::gpu::{Access, Bind, Buffer, Gpu};
+use crate::gpu::{Access, Bind, Buffer, Gpu, Workgroups};
 use crate::structure::{AabbTreeSettings, BuildOrder, GpuAabbTree, GpuStructure};
 use glam::Vec3;
 
 /// Samples of a leaf at most: the nearest is in one of a few leaves.
 const LEAF: u32 = 8;
 
+const FIT: [Access; 6] = [Uniform, Read, ReadWrite, Uniform, Read, Read];
 const EVALUATE: [Access; 9] = [Uniform, Read, Read, Uniform, Read, Read, Read, ReadWrite, ReadWrite];
 
 /// Oriented samples on a device, in a tree that was built there.
@@ -26,6 +27,8 @@ pub struct GpuOrientedSamples {
     tree: GpuAabbTree,
     /// `[2n]` position and unit normal by index.
     samples: Buffer<[f32; 4]>,
+    /// `[nodes]` what the samples of each node are between: `Patch` in patches.wesl.
+    patches: Buffer<[[f32; 4]; 4]>,
     spacing: f32,
 }
 
@@ -45,7 +48,9 @@ impl GpuOrientedSamples {
             };
             [x, y, z, 0.0]
         })?;
-        let mut samples = Self { gpu: gpu.clone(), tree, samples, spacing: 0.0 };
+        let patches = gpu.buffer("patches of samples", tree.shape().n_nodes())?;
+        let mut samples = Self { gpu: gpu.clone(), tree, samples, patches, spacing: 0.0 };
+        samples.fit_patches()?;
         let diagonal = f64::from(crate::parallel::reduce::bounds(points).diagonal());
         samples.spacing = spacing(gpu, &samples.samples, &samples.tree_bindings(), diagonal)? as f32;
         Ok(samples)
@@ -104,11 +109,25 @@ impl GpuOrientedSamples {
         with_memory(grid, || self.distance_field(grid, settings))
     }
 
+    /// Lets the device find what the samples of each node are between.
+    fn fit_patches(&self) -> Result<()> {
+        let gpu = &self.gpu;
+        let n_nodes = self.patches.len() as u64;
+        let fit = pipeline(gpu, "patches", "fit_patches", &FIT, &[], &[])?;
+        let count = gpu.uniform("number of patches", &[n_nodes as u32, 0, 0, 0])?;
+        let [layout, points, nodes] = self.tree_bindings();
+        let binds = [(&count).into(), (&self.samples).into(), (&self.patches).into(), layout, points, nodes];
+        let mut commands = gpu.commands("patches of samples");
+        commands.dispatch(&fit, &binds, Workgroups::Covering(n_nodes));
+        commands.submit()
+    }
+
     fn surface(&self) -> Surface<'static> {
+        let [layout, points, _] = self.tree_bindings();
         Surface {
             module: "package::application::distance_field::samples",
             accesses: [Uniform, Read, Read],
-            binds: self.tree_bindings(),
+            binds: [layout, points, (&self.patches).into()],
             features: &[],
             what: "samples",
             n: self.len(),
