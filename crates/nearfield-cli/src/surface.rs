@@ -301,7 +301,7 @@ impl SurfaceArgs {
                 let mut device = "cpu".to_owned();
                 let there = on_gpu(&self.device, notes, |gpu| {
                     gpu.name().clone_into(&mut device);
-                    GpuMeshDistance::upload(gpu, &mesh)?.distance_field(&grid, &settings)?.read_distances()
+                    GpuMeshDistance::upload(gpu, &mesh)?.distances(&grid, &settings)
                 })?;
                 return match there {
                     Some(distances) => Ok((distances, device)),
@@ -314,7 +314,7 @@ impl SurfaceArgs {
         let mut device = "cpu".to_owned();
         let there = on_gpu(&self.device, notes, |gpu| {
             gpu.name().clone_into(&mut device);
-            GpuOrientedSamples::build(gpu, &cloud.points, normals)?.distance_field(&grid, &settings)?.read_distances()
+            GpuOrientedSamples::build(gpu, &cloud.points, normals)?.distances(&grid, &settings)
         })?;
         if let Some(distances) = there {
             return Ok((distances, device));

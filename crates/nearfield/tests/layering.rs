@@ -21,7 +21,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("curve", &["error", "geometry", "gpu", "parallel"]),
     ("structure", &["error", "geometry", "gpu", "parallel", "curve"]),
     ("query", &["error", "host_memory", "geometry", "gpu", "parallel", "curve", "structure"]),
-    ("application", &["error", "geometry", "io", "gpu", "parallel", "curve", "structure", "query"]),
+    ("application", &["error", "host_memory", "geometry", "io", "gpu", "parallel", "curve", "structure", "query"]),
 ];
 
 /// What the root of the crate re-exports from outside: no module of ours.

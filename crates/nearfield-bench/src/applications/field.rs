@@ -73,7 +73,7 @@ impl Samples<'_> {
     ) -> Result<Timed> {
         let (distances, whole) = repeat(effort, || {
             let samples = GpuOrientedSamples::build(gpu, self.points, self.normals)?;
-            Ok((samples.distance_field(grid, settings)?.read_distances()?, Vec::new()))
+            Ok((samples.distances(grid, settings)?, Vec::new()))
         })?;
         let samples = GpuOrientedSamples::build(gpu, self.points, self.normals)?;
         let (left, alone) = repeat(effort, || {

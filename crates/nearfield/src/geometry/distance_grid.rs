@@ -1,6 +1,7 @@
 //! Signed distances at the nodes of a regular grid: what a distance field is computed into and a surface is taken from.
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use super::RegularGrid;
 use crate::{Error, Result};
@@ -42,8 +43,16 @@ impl DistanceGrid {
                 expected: grid.n_nodes() as u64,
             });
         }
-        values.iter_mut().filter(|value| !value.is_finite()).for_each(|value| *value = f32::NAN);
+        let undefine = |value: &mut f32| *value = if value.is_finite() { *value } else { f32::NAN };
+        values.par_chunks_mut(1 << 16).for_each(|values| values.iter_mut().for_each(undefine));
         Ok(Self { grid, values })
+    }
+
+    /// A grid with one value a node, none of which is infinite.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn of_checked(grid: RegularGrid, values: Vec<f32>) -> Self {
+        debug_assert!(values.len() == grid.n_nodes() && !values.par_iter().any(|value| value.is_infinite()));
+        Self { grid, values }
     }
 
     /// The nodes.

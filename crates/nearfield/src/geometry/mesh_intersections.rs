@@ -1,12 +1,13 @@
 //! Pairs of triangles of a mesh that meet elsewhere than in the corners they share.
 //!
 //! Triangles are listed by the cells of a grid that their boxes touch; those of a cell are compared with each other. Answers
-//! are exact: they go by the signs of `triangle_pair.rs`.
+//! are exact: they go by the signs of `triangle_pair.rs`, but where `triangles_apart.rs` is sure without them.
 
 use rayon::prelude::*;
 
 use super::TriMesh;
 use super::triangle_pair::{triangles_meet, triangles_meet_beyond_corner, triangles_meet_beyond_edge};
+use super::triangles_apart::surely_apart;
 
 /// Cells of the lists in mean extents of triangles.
 const CELL_EXTENTS: f64 = 1.5;
@@ -14,22 +15,14 @@ const CELL_EXTENTS: f64 = 1.5;
 const MOST_CELLS: u64 = 512;
 /// Cells a side at most: their numbers along the axes share a key of 63 bits.
 const MOST_SIDE: f64 = 2_097_151.0;
-/// Places of the filter of cells: so many a triangle, no more than that in all; powers of two.
-const FILTER_SHARE: usize = 16;
-const MOST_FILTER: usize = 1 << 22;
 
 /// Pairs of triangles of the mesh that intersect, touch or lie on each other elsewhere than in the corners and edges they
 /// share by index; the lower index first, ascending. Empty for a mesh without self-intersections.
 ///
 /// Corners at one place with different indices count as touching. Coordinates that are not finite meet nothing.
 pub fn self_intersections(mesh: &TriMesh) -> Vec<[u32; 2]> {
-    let positions: Vec<[f64; 3]> = mesh.vertices.iter().map(|p| p.as_dvec3().to_array()).collect();
-    pairs_among(&positions, &mesh.triangles, None)
-}
-
-/// As [`self_intersections`]; of pairs with a chosen triangle where some are chosen.
-pub(crate) fn pairs_among(vertices: &[[f64; 3]], triangles: &[[u32; 3]], chosen: Option<&[bool]>) -> Vec<[u32; 2]> {
-    let soup = Soup::new(vertices, triangles, chosen);
+    let positions: Vec<[f64; 3]> = mesh.vertices.par_iter().map(|p| p.as_dvec3().to_array()).collect();
+    let soup = Soup::new(&positions, &mesh.triangles);
     let Some(cells) = Cells::of(&soup) else { return vec![] };
     let (mut entries, large) = soup.entries(&cells);
     entries.par_sort_unstable();
@@ -44,7 +37,7 @@ pub(crate) fn pairs_among(vertices: &[[f64; 3]], triangles: &[[u32; 3]], chosen:
     let in_cells = runs.into_par_iter().with_min_len(64).flat_map_iter(|run| soup.pairs_of_cell(&cells, &entries[run]));
     let mut pairs: Vec<[u32; 2]> = in_cells.collect();
     for &a in &large {
-        let others = (0..triangles.len() as u32).into_par_iter();
+        let others = (0..mesh.triangles.len() as u32).into_par_iter();
         // Two large ones are compared by the lower.
         let others = others.filter(|b| *b != a && !(large.binary_search(b).is_ok() && *b < a));
         pairs.par_extend(others.filter(|&b| soup.meet(a, b)).map(|b| [a.min(b), a.max(b)]));
@@ -53,11 +46,34 @@ pub(crate) fn pairs_among(vertices: &[[f64; 3]], triangles: &[[u32; 3]], chosen:
     pairs
 }
 
+/// Whether two triangles, each given by the indices of its corners and their places, meet elsewhere than in the corners and edges
+/// they share by index.
+pub(crate) fn meet_beyond_shared(a: (&[u32; 3], &[[f64; 3]; 3]), b: (&[u32; 3], &[[f64; 3]; 3])) -> bool {
+    let n_shared = a.0.iter().filter(|v| b.0.contains(v)).count();
+    let (a, b) = (shared_first(a, b.0), shared_first(b, a.0));
+    match n_shared {
+        0..=2 if surely_apart(&a, &b, n_shared) => false,
+        0 => triangles_meet(&a, &b),
+        1 => triangles_meet_beyond_corner(&a, &b),
+        2 => triangles_meet_beyond_edge(&a, &b),
+        _ => true,
+    }
+}
+
+/// The places of the corners, those with indices of another triangle first, both by ascending index.
+fn shared_first((of, places): (&[u32; 3], &[[f64; 3]; 3]), with: &[u32; 3]) -> [[f64; 3]; 3] {
+    let key = |i: usize| u64::from(!with.contains(&of[i])) << 34 | u64::from(of[i]) << 2 | i as u64;
+    let ordered = |a: u64, b: u64| (a.min(b), a.max(b));
+    let (a, b) = ordered(key(0), key(1));
+    let (b, c) = ordered(b, key(2));
+    let (a, b) = ordered(a, b);
+    [a, b, c].map(|key| places[key as usize & 3])
+}
+
 /// Triangles by index.
 struct Soup<'a> {
     vertices: &'a [[f64; 3]],
     triangles: &'a [[u32; 3]],
-    chosen: Option<&'a [bool]>,
     /// Boxes of the triangles; NaN where a coordinate is not finite.
     boxes: Vec<Bounds>,
 }
@@ -94,11 +110,6 @@ fn key([x, y, z]: [u64; 3]) -> u64 {
     x | y << 21 | z << 42
 }
 
-/// Place of a key in a filter.
-fn filtered(key: u64, filter: &[bool]) -> usize {
-    (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 42) as usize & (filter.len() - 1)
-}
-
 /// The box of a triangle.
 fn bounds(corners: &[[f64; 3]; 3]) -> Bounds {
     if !corners.iter().flatten().all(|x| x.is_finite()) {
@@ -114,13 +125,9 @@ fn is_finite(bounds: &Bounds) -> bool {
 }
 
 impl<'a> Soup<'a> {
-    fn new(vertices: &'a [[f64; 3]], triangles: &'a [[u32; 3]], chosen: Option<&'a [bool]>) -> Self {
+    fn new(vertices: &'a [[f64; 3]], triangles: &'a [[u32; 3]]) -> Self {
         let boxes = triangles.par_iter().map(|triangle| bounds(&triangle.map(|v| vertices[v as usize]))).collect();
-        Self { vertices, triangles, chosen, boxes }
-    }
-
-    fn is_chosen(&self, t: u32) -> bool {
-        self.chosen.is_none_or(|chosen| chosen[t as usize])
+        Self { vertices, triangles, boxes }
     }
 
     /// Keys of the cells that a triangle's box touches; `None` where there are too many.
@@ -142,23 +149,12 @@ impl<'a> Soup<'a> {
         Some(keys)
     }
 
-    /// Cell and index of each triangle that may meet a chosen one, and the triangles that are too large for lists.
+    /// Cell and index of each triangle, and the triangles that are too large for lists.
     fn entries(&self, cells: &Cells) -> (Vec<(u64, u32)>, Vec<u32>) {
         let n = self.triangles.len() as u32;
-        let filter: Option<Vec<bool>> = self.chosen.map(|_| {
-            let mut filter = vec![false; (FILTER_SHARE * n as usize).next_power_of_two().min(MOST_FILTER)];
-            for t in (0..n).filter(|&t| self.is_chosen(t)) {
-                for key in self.keys(cells, t).into_iter().flatten() {
-                    let place = filtered(key, &filter);
-                    filter[place] = true;
-                }
-            }
-            filter
-        });
-        let is_of_interest = |key: &u64| filter.as_ref().is_none_or(|filter| filter[filtered(*key, filter)]);
         let entries = (0..n).into_par_iter().flat_map_iter(|t| {
             let keys = self.keys(cells, t).unwrap_or_default();
-            keys.into_iter().filter(is_of_interest).map(move |key| (key, t))
+            keys.into_iter().map(move |key| (key, t))
         });
         let large = (0..n).into_par_iter().filter(|&t| self.keys(cells, t).is_none());
         (entries.collect(), large.collect())
@@ -169,9 +165,6 @@ impl<'a> Soup<'a> {
         let mut pairs = vec![];
         for (i, &(cell, a)) in entries.iter().enumerate() {
             for &(_, b) in &entries[i + 1..] {
-                if !self.is_chosen(a) && !self.is_chosen(b) {
-                    continue;
-                }
                 let (of_a, of_b) = (&self.boxes[a as usize], &self.boxes[b as usize]);
                 let low = [0, 1, 2].map(|axis| of_a[0][axis].max(of_b[0][axis]));
                 if overlap(of_a, of_b) && key(cells.cell(&low)) == cell && self.meet_inside(a, b) {
@@ -183,27 +176,14 @@ impl<'a> Soup<'a> {
     }
 
     fn meet(&self, a: u32, b: u32) -> bool {
-        overlap(&self.boxes[a as usize], &self.boxes[b as usize])
-            && (self.is_chosen(a) || self.is_chosen(b))
-            && self.meet_inside(a, b)
+        overlap(&self.boxes[a as usize], &self.boxes[b as usize]) && self.meet_inside(a, b)
     }
 
     /// Whether two triangles whose boxes overlap meet elsewhere than in what they share.
     fn meet_inside(&self, a: u32, b: u32) -> bool {
-        let (a, b) = (self.triangles[a as usize], self.triangles[b as usize]);
-        let shared_first = |of: [u32; 3], with: [u32; 3]| {
-            let mut order = of;
-            order.sort_by_key(|v| (!with.contains(v), *v));
-            order.map(|v| self.vertices[v as usize])
-        };
-        let n_shared = a.iter().filter(|v| b.contains(v)).count();
-        let (a, b) = (shared_first(a, b), shared_first(b, a));
-        match n_shared {
-            0 => triangles_meet(&a, &b),
-            1 => triangles_meet_beyond_corner(&a, &b),
-            2 => triangles_meet_beyond_edge(&a, &b),
-            _ => true,
-        }
+        let corners = |t: u32| self.triangles[t as usize].map(|v| self.vertices[v as usize]);
+        let of = |t: u32| &self.triangles[t as usize];
+        meet_beyond_shared((of(a), &corners(a)), (of(b), &corners(b)))
     }
 }
 
@@ -219,7 +199,7 @@ mod tests {
     /// All pairs, one by one.
     fn by_hand(mesh: &TriMesh) -> Vec<[u32; 2]> {
         let vertices: Vec<[f64; 3]> = mesh.vertices.iter().map(|p| p.as_dvec3().to_array()).collect();
-        let soup = Soup::new(&vertices, &mesh.triangles, None);
+        let soup = Soup::new(&vertices, &mesh.triangles);
         let n = mesh.triangles.len() as u32;
         (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b])).filter(|&[a, b]| soup.meet(a, b)).collect()
     }
@@ -250,10 +230,6 @@ mod tests {
             let expected = by_hand(&mesh);
             assert_eq!(self_intersections(&mesh), expected, "seed {seed}");
             found += expected.len();
-            let vertices: Vec<[f64; 3]> = mesh.vertices.iter().map(|p| p.as_dvec3().to_array()).collect();
-            let chosen: Vec<bool> = (0..400).map(|t| t % 7 == 0).collect();
-            let some: Vec<_> = expected.into_iter().filter(|pair| pair.iter().any(|t| t % 7 == 0)).collect();
-            assert_eq!(pairs_among(&vertices, &mesh.triangles, Some(&chosen)), some, "seed {seed}");
         }
         assert!(found > 500, "only {found} pairs meet");
     }

@@ -22,6 +22,7 @@ pub mod symmetric_eigen;
 mod tri_mesh;
 mod triangle;
 pub mod triangle_pair;
+pub(crate) mod triangles_apart;
 pub mod validate;
 pub mod vector;
 

@@ -11,6 +11,8 @@ use crate::{Error, Result, host_memory};
 
 /// Bytes of elements that are made at a time, in the cache of one core.
 const MADE_BYTES: usize = 4096;
+/// Elements that one thread turns at a time.
+const TURNED: usize = 1 << 14;
 
 impl Gpu {
     /// A buffer with a copy of `data`.
@@ -164,16 +166,50 @@ impl Gpu {
         buffer: &Buffer<T>,
         turn: impl Fn(T) -> U + Sync,
     ) -> Result<Vec<U>> {
+        let mut values = host_memory::zeroed::<U>(buffer.label(), buffer.len())?;
+        self.read_turned(buffer, &mut values, turn)?;
+        Ok(values)
+    }
+
+    /// As [`Gpu::read_into`], with each of the first elements, as many as `values` has, turned into another while it is copied.
+    ///
+    /// # Errors
+    /// As [`Gpu::read_into`].
+    pub(crate) fn read_turned<T: DeviceElement, U: DeviceElement + Send>(
+        &self,
+        buffer: &Buffer<T>,
+        values: &mut [U],
+        turn: impl Fn(T) -> U + Sync,
+    ) -> Result<()> {
+        const { assert!(size_of::<T>() == WORD, "chunks hold whole words") };
+        check_range(buffer, &(0..values.len()))?;
+        self.check_lost()?;
+        buffer.check_context(self)?;
+        self.read_chunks(buffer.label(), (buffer.raw(), 0), values.len() * WORD, |first, chunk| {
+            let to = values[first / WORD..][..chunk.len() / WORD].par_chunks_mut(TURNED);
+            to.zip(chunk.par_chunks(TURNED * WORD)).for_each(|(to, from)| {
+                let from = from.chunks_exact(WORD).map(bytemuck::pod_read_unaligned);
+                to.iter_mut().zip(from).for_each(|(to, from)| *to = turn(from));
+            });
+        })
+    }
+
+    /// Reads the whole buffer back in chunks, one after the other: `take(first, bytes)` gets the elements from `first` on. All chunks but
+    /// the last are multiples of 4,096 bytes.
+    ///
+    /// # Errors
+    /// As [`Gpu::read`].
+    pub(crate) fn read_by_chunks<T: DeviceElement>(
+        &self,
+        buffer: &Buffer<T>,
+        mut take: impl FnMut(usize, &[u8]),
+    ) -> Result<()> {
         const { assert!(size_of::<T>() == WORD, "chunks hold whole words") };
         self.check_lost()?;
         buffer.check_context(self)?;
-        let mut values = host_memory::zeroed::<U>(buffer.label(), buffer.len())?;
-        self.read_chunks(buffer.label(), (buffer.raw(), 0), buffer.bytes() as usize, |first, chunk| {
-            let to = &mut values[first / WORD..][..chunk.len() / WORD];
-            let turn = |(to, from): (&mut U, &[u8])| *to = turn(bytemuck::pod_read_unaligned(from));
-            to.par_iter_mut().zip(chunk.par_chunks_exact(WORD)).with_min_len(1 << 14).for_each(turn);
-        })?;
-        Ok(values)
+        self.read_chunks(buffer.label(), (buffer.raw(), 0), buffer.bytes() as usize, |first, bytes| {
+            take(first / WORD, bytes);
+        })
     }
 }
 

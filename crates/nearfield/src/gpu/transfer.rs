@@ -18,7 +18,7 @@ const LARGEST_CHUNK: usize = 8 << 20;
 const SMALLEST_CHUNK: usize = 2 << 20;
 /// Chunks that are under way at the same time.
 const IN_FLIGHT: usize = 4;
-/// Where staging memory is short, chunks that are read get no smaller than this.
+/// Where staging memory is short, chunks that are read get no smaller than this; all but the last are a multiple of it.
 const FEW_BYTES: usize = 4096;
 /// Bytes that one thread copies at a time; what is less is not handed out to threads.
 const BLOCK: usize = 256 << 10;
@@ -236,6 +236,7 @@ mod tests {
             while done < bytes {
                 let len = chunk_len(done, bytes - done, size);
                 assert!(len > 0 && len.is_multiple_of(WORD) && len <= size && len <= bytes - done, "{bytes}: {len}");
+                assert!(len == bytes - done || len.is_multiple_of(FEW_BYTES), "{bytes}: {len}");
                 lengths.push(len);
                 done += len;
             }

@@ -99,8 +99,11 @@ fn compare_mesh(gpu: &Gpu, name: &str, mesh: &TriMesh, settings: &DistanceSettin
     let grid = grid_around(DVec3::ZERO, &mesh.bounds(), 41, 4.0).unwrap();
     let surface = MeshDistance::new(mesh).unwrap();
     let here = surface.distance_field(&grid, settings, &mut Watch::none()).unwrap();
-    let there = GpuMeshDistance::upload(gpu, &surface).unwrap().distance_field(&grid, settings).unwrap();
-    let there = there.read().unwrap();
+    let uploaded = GpuMeshDistance::upload(gpu, &surface).unwrap();
+    let there = uploaded.distance_field(&grid, settings).unwrap().read().unwrap();
+    let same = uploaded.distances(&grid, settings).unwrap();
+    let pairs = there.distances.values().iter().zip(same.values());
+    assert!(pairs.into_iter().all(|(a, b)| a.to_bits() == b.to_bits()), "{name}: distances alone are others");
     let (width, mut other_triangles) = (f64::from(grid.spacing()), 0);
     let radius = settings.radius(&grid);
     for (i, (&a, &b)) in here.distances.values().iter().zip(there.distances.values()).enumerate() {
@@ -160,6 +163,35 @@ pub(crate) fn trials() -> Vec<Trial> {
             assert!(far <= here.n_defined() / 1000, "{far} of {} differ", here.n_defined());
         }));
     }
+    // A grid most of which is empty, whose far bricks hang over, and one that is full.
+    for (name, corner, nodes, band) in
+        [("mostly_empty", [-4.0, -1.5, -3.0], [85, 41, 70], 2.0), ("full", [-1.5, -1.5, -0.5], [31, 33, 17], 1e3)]
+    {
+        trials.push(gpu_trial(format!("distances_of_a_{name}_grid_come_to_the_host_as_they_are"), move |gpu| {
+            let (points, normals) = torus(4000);
+            let grid = RegularGrid::new(DVec3::ZERO, Vec3::from(corner), 0.09, nodes).unwrap();
+            let samples = GpuOrientedSamples::build(gpu, &points, &normals).unwrap();
+            let settings = DistanceSettings::default().band(band);
+            let field = samples.distance_field(&grid, &settings).unwrap();
+            let expected = gpu.read(field.values()).unwrap();
+            let defined = expected.iter().filter(|&&bits| !f32::from_bits(bits).is_nan()).count();
+            let is_full = defined == grid.n_nodes();
+            assert!(defined > 3000 && is_full == (name == "full"), "{defined} of {}", grid.n_nodes());
+            let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<u32>>();
+            assert!(bits(field.read_distances().unwrap().values()) == expected, "read");
+            assert!(bits(samples.distances(&grid, &settings).unwrap().values()) == expected, "computed and read");
+            assert!(bits(field.read().unwrap().distances.values()) == expected, "with what is nearest");
+        }));
+    }
+    trials.push(gpu_trial("the_spacing_is_that_of_the_cpu", |gpu| {
+        // The first radii meet more than enough, or far too few.
+        for n in [3, 40, 1000, 100_000] {
+            let (points, normals) = torus(n);
+            let there = GpuOrientedSamples::build(gpu, &points, &normals).unwrap().spacing();
+            let here = OrientedSamples::new(&arrays(&points), &arrays(&normals)).unwrap().spacing();
+            assert!((there / here - 1.0).abs() < 0.01, "{n}: {there} {here}");
+        }
+    }));
     trials.push(gpu_trial("signs_by_winding_number_are_those_of_the_cpu", |gpu| {
         let settings = DistanceSettings::default().sign(SignRule::WindingNumber);
         let [here, there] = both(gpu, 6000, 33, &settings);
@@ -217,6 +249,9 @@ pub(crate) fn trials() -> Vec<Trial> {
         assert!(error.contains("none of 200 samples"), "{error}");
         let error = samples.distance_field(&grid(&points, 33), &settings.max_bytes(9)).unwrap_err();
         assert!(matches!(error, Error::OutOfMemory { .. }), "{error}");
+        let error = samples.distances(&grid(&points, 33), &settings.max_bytes(9)).unwrap_err();
+        assert!(matches!(error, Error::OutOfMemory { .. }), "{error}");
+        assert!(samples.distances(&away, &settings).unwrap_err().to_string().contains("none of 200 samples"));
         assert!(samples.distance_field(&grid(&points, 33), &settings.sign(SignRule::Pseudonormal)).is_err());
         assert!(matches!(GpuOrientedSamples::build(gpu, &points, &[]), Err(Error::NoNormals { .. })));
         let none = GpuOrientedSamples::build(gpu, &[], &[]).unwrap();

@@ -4,11 +4,12 @@ use glam::DVec3;
 
 use super::gpu_run::{GpuDistanceField, Run, Surface, pipeline};
 use super::mesh::MeshDistance;
+use super::read_field::with_memory;
 use super::{DistanceSettings, SignRule};
 use crate::Result;
 use crate::application::{GpuWindingNumber, WindingNumber};
-use crate::geometry::RegularGrid;
 use crate::geometry::closest_point::TriangleFeature;
+use crate::geometry::{DistanceGrid, RegularGrid};
 use crate::gpu::Access::{Read, ReadWrite, Uniform};
 use crate::gpu::{Access, Bind, Buffer, Gpu};
 use crate::structure::{GpuRayStructure, GpuTriangleBvh};
@@ -68,8 +69,7 @@ impl<'a> GpuMeshDistance<'a> {
         settings.validate(grid)?;
         let sign = self.mesh.sign(settings)?;
         let features = [("deep", self.bvh.is_deep())];
-        let run = Run::new(&self.gpu, self.surface(&features), grid, settings)?;
-        let mut stages = run.find_nearest()?;
+        let run = Run::new(&self.gpu, self.surface(&features), grid, settings)?.find_nearest()?;
         let binds = [
             (&run.parameters).into(),
             (&run.axes).into(),
@@ -79,8 +79,17 @@ impl<'a> GpuMeshDistance<'a> {
         ];
         let evaluate = pipeline(&self.gpu, "evaluate_mesh", "evaluate_mesh_distances", &EVALUATE, &[], &[])?;
         let winding = (sign == SignRule::WindingNumber).then(|| self.winding()).transpose()?;
-        stages.extend(run.evaluate(&evaluate, &binds, winding.as_ref())?);
-        run.finish(stages, settings)
+        run.evaluate(&evaluate, &binds, winding.as_ref())?.finish(settings)
+    }
+
+    /// The distances of a field on the host, sooner than by [`GpuMeshDistance::distance_field`] and reading back: their memory is
+    /// made ready while the device computes.
+    ///
+    /// # Errors
+    /// As [`GpuMeshDistance::distance_field`] and [`GpuDistanceField::read_distances`].
+    pub fn distances(&self, grid: &RegularGrid, settings: &DistanceSettings) -> Result<DistanceGrid> {
+        settings.validate(grid)?;
+        with_memory(grid, || self.distance_field(grid, settings))
     }
 
     fn surface<'s>(&self, features: &'s [(&'s str, bool)]) -> Surface<'s> {

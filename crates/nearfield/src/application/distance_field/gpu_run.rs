@@ -8,10 +8,10 @@ use super::bricks::EDGE;
 use super::cpu::empty_band;
 use super::{DistanceField, DistanceMode, DistanceSettings};
 use crate::application::GpuWindingNumber;
-use crate::geometry::{DistanceGrid, RegularGrid};
+use crate::geometry::RegularGrid;
 use crate::gpu::Access::{Read, ReadWrite, Uniform};
 use crate::gpu::shader::Fill;
-use crate::gpu::{Access, Bind, Buffer, Gpu, Kernel, Pipeline, StageTime, Workgroups};
+use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel, Pipeline, StageTime, Workgroups};
 use crate::parallel::compact::GpuCompact;
 use crate::{Error, Result};
 
@@ -46,8 +46,12 @@ pub struct FieldParameters {
 /// A field on a device.
 #[derive(Debug)]
 pub struct GpuDistanceField {
-    gpu: Gpu,
+    pub(super) gpu: Gpu,
     grid: RegularGrid,
+    pub(super) parameters: Buffer<FieldParameters>,
+    /// Numbers of the bricks that may have values, ascending, there and here.
+    pub(super) filled: Buffer<u32>,
+    pub(super) filled_bricks: Vec<u32>,
     /// `[nodes]` the bits of f32.
     values: Buffer<u32>,
     nearest: Buffer<u32>,
@@ -73,14 +77,6 @@ impl GpuDistanceField {
     /// Times of the stages on the device.
     pub fn stages(&self) -> &[StageTime] {
         &self.stages
-    }
-
-    /// Reads the distances back, half of the field's bytes.
-    ///
-    /// # Errors
-    /// As [`GpuDistanceField::read`].
-    pub fn read_distances(&self) -> Result<DistanceGrid> {
-        DistanceGrid::new(self.grid, bytemuck::allocation::cast_vec(self.gpu.read(&self.values)?))
     }
 
     /// Reads the field back.
@@ -109,7 +105,7 @@ pub(super) struct Surface<'a> {
     pub(super) spacing: f32,
 }
 
-/// The buffers of one field.
+/// The buffers of one field, and what is recorded to fill them.
 pub(super) struct Run<'a> {
     gpu: Gpu,
     grid: RegularGrid,
@@ -117,10 +113,15 @@ pub(super) struct Run<'a> {
     pub(super) axes: Buffer<f32>,
     n_bricks: usize,
     surface: Surface<'a>,
+    /// Numbers of the bricks to fill; behind them stands how many there are.
+    filled: Buffer<u32>,
+    n_filled: usize,
     pub(super) nearest: Buffer<u32>,
     pub(super) values: Buffer<u32>,
     /// `[2]` nodes whose loops the device would have ended, and 1 where a node has a nearest sample.
     pub(super) outcome: Buffer<u32>,
+    stages: Vec<StageTime>,
+    commands: Commands,
 }
 
 impl<'a> Run<'a> {
@@ -159,60 +160,64 @@ impl<'a> Run<'a> {
             axes: gpu.upload("coordinates of nodes", &axes)?,
             n_bricks,
             surface,
+            filled: gpu.buffer("bricks to fill", n_bricks + 1)?,
+            n_filled: 0,
             nearest: gpu.buffer("nearest samples of nodes", grid.n_nodes())?,
             values: gpu.buffer("distances of nodes", grid.n_nodes())?,
             outcome: gpu.upload("outcome of a field", &[0, 0])?,
+            stages: Vec::new(),
+            commands: gpu.commands("distances of a field"),
         })
     }
 
-    /// Finds what is nearest to each node.
-    pub(super) fn find_nearest(&self) -> Result<Vec<StageTime>> {
-        let gpu = &self.gpu;
+    /// Finds the bricks to fill, and records finding what is nearest to each node of them.
+    pub(super) fn find_nearest(mut self) -> Result<Self> {
+        let gpu = self.gpu.clone();
         let flags = gpu.buffer::<u32>("bricks in the band", self.n_bricks)?;
         let middles = gpu.buffer::<u32>("nearest samples of bricks", self.n_bricks)?;
-        // Behind the numbers stands how many there are.
-        let filled = gpu.buffer::<u32>("bricks to fill", self.n_bricks + 1)?;
         let count = gpu.buffer::<u32>("number of bricks to fill", 1)?;
         let [third, fourth, fifth] = self.surface.binds.clone();
-        let mut binds = [
-            (&self.parameters).into(),
-            (&self.axes).into(),
-            (&flags).into(),
-            third,
-            fourth,
-            fifth,
-            (&middles).into(),
-            (&filled).into(),
-            (&self.nearest).into(),
-            (&self.outcome).into(),
-        ];
+        let binds = |flags_or_seeds: &Buffer<u32>| {
+            [
+                (&self.parameters).into(),
+                (&self.axes).into(),
+                flags_or_seeds.into(),
+                third.clone(),
+                fourth.clone(),
+                fifth.clone(),
+                (&middles).into(),
+                (&self.filled).into(),
+                (&self.nearest).into(),
+                (&self.outcome).into(),
+            ]
+        };
         let classify = self.nearest_kernel("classify_bricks")?;
         let [refine, fill] = [self.nearest_kernel("refine_bricks")?, self.nearest_kernel("fill_bricks")?];
-        let compact = GpuCompact::new(gpu, self.n_bricks)?;
+        let compact = GpuCompact::new(&gpu, self.n_bricks)?;
         let undefine = gpu.prepare(&Kernel {
             constants: &[("WORKGROUP", f64::from(WORKGROUP))],
             ..Kernel::new("package::application::distance_field::undefine", "undefine", &UNDEFINE, WORKGROUP)
         })?;
         let mut commands = gpu.commands("bricks of a field");
         commands.stage("bricks");
-        commands.dispatch(&classify, &binds, Workgroups::Covering(self.n_bricks as u64));
-        compact.record(&mut commands, &flags, &filled, &count, self.n_bricks)?;
-        let mut stages = commands.run()?;
-        let n_filled = gpu.read(&count)?;
-        gpu.write(&filled, self.n_bricks, &n_filled)?;
+        commands.dispatch(&classify, &binds(&flags), Workgroups::Covering(self.n_bricks as u64));
+        compact.record(&mut commands, &flags, &self.filled, &count, self.n_bricks)?;
+        let n_filled = commands.read_back(&count)?;
+        let stages = commands.run()?;
+        let n_filled = n_filled.values()?;
+        gpu.write(&self.filled, self.n_bricks, &n_filled)?;
         let n_nodes = self.grid.n_nodes() as u64;
         let parameters = gpu.uniform("number of nodes", &[n_nodes as u32, 0, 0, 0])?;
-        let mut commands = gpu.commands("nearest samples of a field");
-        commands.stage("nearest");
-        commands.dispatch(&undefine, &[(&parameters).into(), (&self.nearest).into()], Workgroups::Covering(n_nodes));
         let eighths = u64::from(n_filled[0]) * EIGHTHS;
         let seeds = gpu.buffer::<u32>("nearest samples of eighths of bricks", eighths as usize)?;
-        binds[2] = (&seeds).into();
-        commands.dispatch(&refine, &binds, Workgroups::Covering(eighths));
+        let mut commands = gpu.commands("distances of a field");
+        commands.stage("nearest");
+        commands.dispatch(&undefine, &[(&parameters).into(), (&self.nearest).into()], Workgroups::Covering(n_nodes));
+        commands.dispatch(&refine, &binds(&seeds), Workgroups::Covering(eighths));
         let invocations = eighths * u64::from(WORKGROUP);
-        commands.dispatch(&fill, &binds, Workgroups::Covering(invocations));
-        stages.extend(commands.run()?);
-        Ok(stages)
+        commands.dispatch(&fill, &binds(&seeds), Workgroups::Covering(invocations));
+        (self.n_filled, self.stages, self.commands) = (n_filled[0] as usize, stages, commands);
+        Ok(self)
     }
 
     fn nearest_kernel(&self, entry: &str) -> Result<Arc<Pipeline>> {
@@ -222,17 +227,16 @@ impl<'a> Run<'a> {
         pipeline(&self.gpu, "nearest", entry, &accesses, &fills, self.surface.features)
     }
 
-    /// Computes the distances by a kernel, and their signs where these are by winding number.
+    /// Records the distances by a kernel, and their signs where these are by winding number.
     pub(super) fn evaluate(
-        &self,
+        mut self,
         evaluate: &Arc<Pipeline>,
         binds: &[Bind],
         winding: Option<&GpuWindingNumber>,
-    ) -> Result<Vec<StageTime>> {
+    ) -> Result<Self> {
         let gpu = &self.gpu;
-        let all = || Workgroups::Covering(self.grid.n_nodes() as u64);
-        let mut commands = gpu.commands("distances of a field");
-        commands.stage("distances").dispatch(evaluate, binds, all());
+        let n_nodes = self.grid.n_nodes() as u64;
+        self.commands.stage("distances").dispatch(evaluate, binds, Workgroups::Covering(n_nodes));
         if let Some(winding) = winding {
             let [nx, ny, nz] = self.grid.nodes();
             let grid_nodes = gpu.uniform("nodes of a field", &[nx, ny, nz, 0])?;
@@ -248,14 +252,18 @@ impl<'a> Run<'a> {
                 (&self.outcome).into(),
             ];
             let sign = pipeline(gpu, "winding_sign", "apply_winding_sign", &winding_sign_accesses(), &[], &[])?;
-            commands.stage("sign").dispatch(&sign, &binds, all());
+            self.commands.stage("sign").dispatch(&sign, &binds, Workgroups::Covering(n_nodes));
         }
-        commands.run()
+        Ok(self)
     }
 
-    /// The field; refuses one that was not computed to its end, and one without a value.
-    pub(super) fn finish(self, stages: Vec<StageTime>, settings: &DistanceSettings) -> Result<GpuDistanceField> {
-        let outcome = self.gpu.read(&self.outcome)?;
+    /// Runs what is recorded. The field; refuses one that was not computed to its end, and one without a value.
+    pub(super) fn finish(self, settings: &DistanceSettings) -> Result<GpuDistanceField> {
+        let Self { mut commands, mut stages, .. } = self;
+        let outcome = commands.read_back(&self.outcome)?;
+        let filled_bricks = commands.read_back(&self.filled.first(self.n_filled))?;
+        stages.extend(commands.run()?);
+        let outcome = outcome.values()?;
         let [unfinished, any] = [outcome[0], outcome[1]];
         if unfinished > 0 {
             return Err(Error::Unsupported {
@@ -272,8 +280,9 @@ impl<'a> Run<'a> {
             let between = format!("{n} {what} and the grid from {} to {}", bounds.min, bounds.max);
             return Err(empty_band(settings, &self.grid, &between));
         }
-        let Self { gpu, grid, nearest, values, .. } = self;
-        Ok(GpuDistanceField { gpu, grid, values, nearest, stages })
+        let filled_bricks = filled_bricks.values()?;
+        let Self { gpu, grid, parameters, filled, nearest, values, .. } = self;
+        Ok(GpuDistanceField { gpu, grid, parameters, filled, filled_bricks, values, nearest, stages })
     }
 }
 

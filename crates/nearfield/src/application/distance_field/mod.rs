@@ -27,9 +27,13 @@ mod gpu;
 mod gpu_mesh;
 #[cfg(feature = "gpu")]
 mod gpu_run;
+#[cfg(feature = "gpu")]
+mod gpu_spacing;
 mod grid;
 mod mesh;
 mod pseudonormals;
+#[cfg(feature = "gpu")]
+mod read_field;
 mod samples;
 mod settings;
 #[cfg(test)]

@@ -84,6 +84,25 @@ impl<T: Scalar> OrientedSamples<T> {
 
 /// The normals at length 1.
 pub(super) fn unit_normals<T: Scalar>(n: usize, normals: &[Vector<T>]) -> Result<Vec<Vector<T>>> {
+    check_normals::<T, Vector<T>>(n, normals)?;
+    let none = [T::ZERO; 3];
+    Ok(normals.par_iter().with_min_len(1 << 12).map(|&normal| unit_normal(normal).unwrap_or(none)).collect())
+}
+
+/// A normal at length 1; `None` where it has no direction. In the wider type: squares of short normals would vanish.
+pub(super) fn unit_normal<T: Scalar>(normal: Vector<T>) -> Option<Vector<T>> {
+    let unit = normalized(normal.map(T::to_f64)).map(|unit| unit.map(T::of));
+    unit.filter(|unit| *unit != [T::ZERO; 3])
+}
+
+/// Checks that each of `n` samples has a normal with a direction.
+///
+/// # Errors
+/// `NoNormals`, `LengthMismatch`.
+pub(super) fn check_normals<T: Scalar, N>(n: usize, normals: &[N]) -> Result<()>
+where
+    N: Copy + Into<Vector<T>> + Sync,
+{
     if normals.is_empty() && n > 0 {
         return Err(Error::NoNormals { points: n as u64, without: n as u64, first: 0 });
     }
@@ -91,16 +110,13 @@ pub(super) fn unit_normals<T: Scalar>(n: usize, normals: &[Vector<T>]) -> Result
         let (found, expected) = (normals.len() as u64, n as u64);
         return Err(Error::LengthMismatch { what: "the normals", found, expected });
     }
-    // In the wider type: squares of short normals would vanish.
-    let none = [T::ZERO; 3];
-    let unit = |normal: &Vector<T>| normalized(normal.map(T::to_f64)).map_or(none, |n| n.map(T::of));
-    let made: Vec<Vector<T>> = normals.par_iter().map(unit).collect();
-    let without = made.par_iter().filter(|normal| **normal == none).count() as u64;
+    let is_without = |normal: &N| unit_normal((*normal).into()).is_none();
+    let without = normals.par_iter().with_min_len(1 << 12).filter(|normal| is_without(normal)).count() as u64;
     if without > 0 {
-        let first = made.iter().position(|normal| *normal == none).unwrap_or(0) as u64;
+        let first = normals.iter().position(is_without).unwrap_or(0) as u64;
         return Err(Error::NoNormals { points: n as u64, without, first });
     }
-    Ok(made)
+    Ok(())
 }
 
 /// Places of samples, evenly among `n`.

@@ -4,6 +4,7 @@
 //! polygons are read back between the stages, so that memory is taken for what there is.
 
 use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
 
 use super::cell_table::TABLE;
 use super::node_values::NodeValues;
@@ -22,6 +23,8 @@ use Access::{Read, ReadWrite, Uniform};
 
 /// Invocations of a workgroup.
 const WORKGROUP: u32 = 64;
+/// What is read back, such as vertices, that one thread takes together at least.
+const TOGETHER: usize = 1 << 10;
 
 /// What all stages share; twin of the struct in `parameters.wesl`.
 #[repr(C)]
@@ -158,28 +161,24 @@ impl GpuContour {
         let gpu = &self.gpu;
         let xyz = |[x, y, z, _]: [f32; 4]| [x, y, z];
         let words = gpu.read(&self.sheets)?;
-        let sheets: Vec<Sheet<f32>> = words
-            .chunks_exact(3)
-            .map(|words| Sheet {
-                cell: self.grid.node(words[0][3].to_bits() as usize).expect("a cell should be in the grid"),
-                place: xyz(words[0]),
-                mass: xyz(words[1]),
-                middle: xyz(words[2]),
-            })
-            .collect();
-        let facings = gpu.read(&self.facings)?;
-        let quads: Vec<Quad<f32>> = gpu
-            .read(&self.quads)?
-            .into_iter()
-            .zip(facings)
-            .map(|(vertices, [x, y, z, facing])| {
-                let facing = facing as u8;
-                Quad { vertices, axis: facing & 3, upwards: facing & 4 == 4, normal: [x, y, z] }
-            })
-            .collect();
+        let sheet = |words: &[[f32; 4]]| Sheet {
+            cell: self.grid.node(words[0][3].to_bits() as usize).expect("a cell should be in the grid"),
+            place: xyz(words[0]),
+            mass: xyz(words[1]),
+            middle: xyz(words[2]),
+        };
+        let sheets: Vec<Sheet<f32>> = words.par_chunks_exact(3).with_min_len(TOGETHER).map(sheet).collect();
+        let (vertices, facings) = (gpu.read(&self.quads)?, gpu.read(&self.facings)?);
+        let quad = |(&vertices, &[x, y, z, facing]): (&[u32; 4], &[f32; 4])| {
+            let facing = facing as u8;
+            Quad { vertices, axis: facing & 3, upwards: facing & 4 == 4, normal: [x, y, z] }
+        };
+        let quads: Vec<Quad<f32>> = vertices.par_iter().zip(&facings).with_min_len(TOGETHER).map(quad).collect();
         let triangles = gpu.read(&self.triangles)?;
-        let other = quads.iter().zip(triangles.chunks_exact(6)).map(|(quad, cut)| cut[0] != quad.vertices[0]).collect();
-        let vertices = sheets.iter().map(|sheet| position(&self.grid, sheet.cell, sheet.place)).collect();
+        let cuts = quads.par_iter().zip(triangles.par_chunks_exact(6)).with_min_len(TOGETHER);
+        let other = cuts.map(|(quad, cut)| cut[0] != quad.vertices[0]).collect();
+        let place = |sheet: &Sheet<f32>| position(&self.grid, sheet.cell, sheet.place);
+        let vertices = sheets.par_iter().with_min_len(TOGETHER).map(place).collect();
         Ok(Contour { grid: self.grid, sheets, quads, other, vertices, report: ContourReport::default() })
     }
 }
@@ -206,8 +205,9 @@ impl Found {
         commands.stage("mark").dispatch(&mark, &binds, Workgroups::Covering(n as u64));
         commands.stage("compact");
         compact.record(&mut commands, &slots, &numbers, &count, n)?;
+        let count = commands.read_back(&count)?;
         stages.extend(commands.run()?);
-        let n_cells = gpu.read(&count)?[0];
+        let n_cells = count.values()?[0];
         Ok(Self { parameters: ContourParameters { n_cells, ..parameters }, slots, numbers })
     }
 }
@@ -260,9 +260,13 @@ impl Described {
         commands.stage("scan");
         scan.record(&mut commands, &vertex_counts, &first_vertex, n)?;
         scan.record(&mut commands, &quad_counts, &first_quad, n)?;
-        stages.extend(commands.run()?);
-        let last = |sums: &Buffer<u32>| gpu.read_range(sums, n..n + 1).map(|sum| sum[0] as usize);
+        let mut last = |sums: &Buffer<u32>| {
+            let sum = gpu.buffer::<u32>("sum over cells", 1)?;
+            commands.copy_from(sums, n, &sum).read_back(&sum)
+        };
         let (n_vertices, n_quads) = (last(&first_vertex)?, last(&first_quad)?);
+        stages.extend(commands.run()?);
+        let [n_vertices, n_quads] = [n_vertices.values()?[0] as usize, n_quads.values()?[0] as usize];
         Ok(Self { parameters, slots, cells, crossings, first_vertex, first_quad, n_vertices, n_quads })
     }
 

@@ -27,6 +27,7 @@ mod gpu;
 mod hermite;
 mod node_values;
 mod qef;
+mod quad_rows;
 mod quads;
 mod settings;
 mod surface;

@@ -113,8 +113,9 @@ impl AabbTreeBuilder {
         let mut commands = self.gpu.commands("bounds of points");
         commands.stage("bounds");
         self.reduce.record_bounds(&mut commands, points, points.len(), &self.bounds)?;
+        let found = commands.read_back(&self.bounds)?;
         let stages = commands.run()?.iter().filter_map(BuildStage::on_device).collect();
-        Ok((self.searchable_bounds(points)?, stages))
+        Ok((self.searchable_bounds(points, found.values()?[0])?, stages))
     }
 
     /// Fills the memory of a tree: order, points, nodes and the times of the stages.
@@ -143,8 +144,7 @@ impl AabbTreeBuilder {
     }
 
     /// The bounds that were found, if all points can be searched.
-    fn searchable_bounds(&self, points: &Buffer<DevicePoint>) -> Result<Aabb> {
-        let found = self.gpu.read(&self.bounds)?[0];
+    fn searchable_bounds(&self, points: &Buffer<DevicePoint>, found: GpuBounds) -> Result<Aabb> {
         let corner = |c: [f32; 4]| Vec3::new(c[0], c[1], c[2]);
         let (bounds, what) = (Aabb::new(corner(found.min), corner(found.max)), "points");
         if found.n_non_finite > 0 {
