@@ -18,9 +18,9 @@ const SAMPLE: usize = 16;
 /// Arguments of the subcommand.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
-    /// The sets, such as uniform-100m
-    #[arg(long, value_name = "SET", value_delimiter = ',', default_value = "uniform-100m")]
-    pub sets: Vec<Set>,
+    /// The set: one a run, whose memory at its peak is that of the process
+    #[arg(long, value_name = "SET", default_value = "uniform-100m")]
+    pub set: Set,
 
     /// Queries of a batch
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
@@ -47,10 +47,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     );
     println!("| --- | --- | --- | --- | --- | --- | --- |");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-    for set in &arguments.sets {
-        pool.install(|| measure(set, arguments.batch))?;
-    }
-    Ok(())
+    pool.install(|| measure(&arguments.set, arguments.batch))
 }
 
 fn measure(set: &Set, batch: usize) -> Result<()> {
@@ -107,11 +104,12 @@ mod tests {
 
     #[test]
     fn lists_in_batches_are_right_and_settings_that_mean_nothing_are_refused() {
-        let sets = vec!["uniform-5k".parse().expect("a set"), "clustered-3k".parse().expect("a set")];
+        let set = |text: &str| text.parse().expect("a set");
         for batch in [1000, 4999, 10_000] {
-            run(&Arguments { sets: sets.clone(), batch, threads: Some(2) }).expect("right lists");
+            run(&Arguments { set: set("uniform-5k"), batch, threads: Some(2) }).expect("right lists");
+            run(&Arguments { set: set("clustered-3k"), batch, threads: None }).expect("right lists");
         }
-        assert!(run(&Arguments { sets: sets.clone(), batch: 0, threads: None }).is_err());
-        assert!(run(&Arguments { sets, batch: 1, threads: Some(0) }).is_err());
+        assert!(run(&Arguments { set: set("uniform-5k"), batch: 0, threads: None }).is_err());
+        assert!(run(&Arguments { set: set("uniform-5k"), batch: 1, threads: Some(0) }).is_err());
     }
 }

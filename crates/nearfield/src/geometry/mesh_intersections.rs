@@ -6,6 +6,7 @@
 use rayon::prelude::*;
 
 use super::TriMesh;
+use super::corner_bounds::{Bounds, bounds_of, overlap};
 use super::triangle_pair::{triangles_meet, triangles_meet_beyond_corner, triangles_meet_beyond_edge};
 use super::triangles_apart::surely_apart;
 
@@ -75,11 +76,8 @@ struct Soup<'a> {
     vertices: &'a [[f64; 3]],
     triangles: &'a [[u32; 3]],
     /// Boxes of the triangles; NaN where a coordinate is not finite.
-    boxes: Vec<Bounds>,
+    boxes: Vec<Bounds<f64>>,
 }
-
-/// A box.
-type Bounds = [[f64; 3]; 2];
 
 /// The grid of the lists.
 struct Cells {
@@ -94,7 +92,7 @@ impl Cells {
         let all = boxes().fold(first, |[low, high], b| {
             [[0, 1, 2].map(|a| low[a].min(b[0][a])), [0, 1, 2].map(|a| high[a].max(b[1][a]))]
         });
-        let extent = |b: &Bounds| (0..3).map(|a| b[1][a] - b[0][a]).fold(0.0, f64::max);
+        let extent = |b: &Bounds<f64>| (0..3).map(|a| b[1][a] - b[0][a]).fold(0.0, f64::max);
         let mean = boxes().map(extent).sum::<f64>() / boxes().count() as f64;
         let width = (CELL_EXTENTS * mean).max(extent(&all) / MOST_SIDE);
         // All in one place: one cell.
@@ -110,23 +108,13 @@ fn key([x, y, z]: [u64; 3]) -> u64 {
     x | y << 21 | z << 42
 }
 
-/// The box of a triangle.
-fn bounds(corners: &[[f64; 3]; 3]) -> Bounds {
-    if !corners.iter().flatten().all(|x| x.is_finite()) {
-        return [[f64::NAN; 3]; 2];
-    }
-    let low = [0, 1, 2].map(|a| corners.iter().map(|p| p[a]).fold(f64::INFINITY, f64::min));
-    let high = [0, 1, 2].map(|a| corners.iter().map(|p| p[a]).fold(f64::NEG_INFINITY, f64::max));
-    [low, high]
-}
-
-fn is_finite(bounds: &Bounds) -> bool {
+fn is_finite(bounds: &Bounds<f64>) -> bool {
     bounds[0][0].is_finite()
 }
 
 impl<'a> Soup<'a> {
     fn new(vertices: &'a [[f64; 3]], triangles: &'a [[u32; 3]]) -> Self {
-        let boxes = triangles.par_iter().map(|triangle| bounds(&triangle.map(|v| vertices[v as usize]))).collect();
+        let boxes = triangles.par_iter().map(|triangle| bounds_of(triangle.map(|v| vertices[v as usize]))).collect();
         Self { vertices, triangles, boxes }
     }
 
@@ -185,10 +173,6 @@ impl<'a> Soup<'a> {
         let of = |t: u32| &self.triangles[t as usize];
         meet_beyond_shared((of(a), &corners(a)), (of(b), &corners(b)))
     }
-}
-
-fn overlap(a: &Bounds, b: &Bounds) -> bool {
-    (0..3).all(|axis| a[0][axis] <= b[1][axis] && b[0][axis] <= a[1][axis])
 }
 
 #[cfg(test)]

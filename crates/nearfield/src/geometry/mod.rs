@@ -3,6 +3,7 @@
 mod aabb;
 pub mod algebraic_sphere;
 pub mod closest_point;
+pub(crate) mod corner_bounds;
 pub mod distance;
 mod distance_grid;
 pub mod generate;

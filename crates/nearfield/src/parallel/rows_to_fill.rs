@@ -2,31 +2,27 @@
 
 #![allow(unsafe_code, reason = "that rows which threads fill are disjoint is not to be seen by the compiler")]
 
-use std::marker::PhantomData;
-use std::ops::Range;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
 
 use bytemuck::Zeroable;
 
 use crate::{Result, host_memory};
 
-/// An array of zeros whose rows are filled by any thread.
+/// An array of zeros whose rows are taken by their number, each once, and filled by any thread.
 ///
-/// Invariants: 1. `offsets` ascends and ends at the length of `values`; 2. nothing but rows that were given out refers to the
-/// elements of `values`.
+/// Invariants: 1. `offsets` ascends and ends at the length of `values`; 2. nothing but rows that were taken refers to the
+/// elements of `values`; 3. a row whose flag is set was taken.
 pub(crate) struct RowsToFill<'a, T> {
     offsets: &'a [u64],
+    taken: Vec<AtomicBool>,
     first: *mut T,
     values: Vec<T>,
-    rows: PhantomData<&'a mut [T]>,
 }
 
-// SAFETY: through a shared reference only rows can be had, each by one caller at a time, so elements go to other threads as if
+// SAFETY: through a shared reference only rows can be had, each by one caller (invariant 3), so elements go to other threads as if
 // they were sent there.
 unsafe impl<T: Send> Sync for RowsToFill<'_, T> {}
-
-/// Where a row stands.
-#[derive(Debug)]
-pub(crate) struct RowPlace(Range<usize>);
 
 impl<'a, T: Zeroable> RowsToFill<'a, T> {
     /// Rows where row i stands at `offsets[i]..offsets[i + 1]`.
@@ -39,32 +35,29 @@ impl<'a, T: Zeroable> RowsToFill<'a, T> {
     pub(crate) fn new(what: &'static str, offsets: &'a [u64]) -> Result<Self> {
         assert!(offsets.is_sorted(), "offsets of rows should ascend");
         let mut values = host_memory::zeroed(what, offsets.last().copied().unwrap_or(0) as usize)?;
-        Ok(Self { offsets, first: values.as_mut_ptr(), values, rows: PhantomData })
+        let taken = (1..offsets.len()).map(|_| AtomicBool::new(false)).collect();
+        Ok(Self { offsets, taken, first: values.as_mut_ptr(), values })
     }
 
-    /// The row at this place of an array of these offsets.
-    ///
-    /// # Safety
-    /// Nobody has the row of this place, and the place is of the same offsets.
-    #[allow(clippy::mut_from_ref, reason = "the caller gives every row out once at a time")]
-    #[inline]
-    pub(crate) unsafe fn row(&self, place: &RowPlace) -> &mut [T] {
-        debug_assert!(place.0.end <= self.values.len());
-        // SAFETY: the range lies within the elements and no other row has a part of it (invariant 1; the place is of these
-        // offsets); nobody else has this row.
-        unsafe { std::slice::from_raw_parts_mut(self.first.add(place.0.start), place.0.len()) }
-    }
-
-    /// Where the row of this number stands.
+    /// The rows of these numbers. In random order each is a cache miss, and these do not wait for each other: so many at once.
     ///
     /// # Panics
-    /// If there is no such row.
-    #[inline]
-    pub(crate) fn place(&self, row: usize) -> RowPlace {
-        RowPlace(self.offsets[row] as usize..self.offsets[row + 1] as usize)
+    /// If there is no such row, or one was taken before.
+    #[allow(clippy::mut_from_ref, reason = "every row is given out once")]
+    pub(crate) fn take(&self, rows: &[u32]) -> Vec<&mut [T]> {
+        for &row in rows {
+            assert!(!self.taken[row as usize].swap(true, Relaxed), "row {row} should be taken once");
+        }
+        let slice = |&row: &u32| {
+            let (begin, end) = (self.offsets[row as usize] as usize, self.offsets[row as usize + 1] as usize);
+            // SAFETY: the range lies within the elements, and no other row has a part of it (invariant 1); nobody else took this row,
+            // as the swap above tells (invariant 3).
+            unsafe { std::slice::from_raw_parts_mut(self.first.add(begin), end - begin) }
+        };
+        rows.iter().map(slice).collect()
     }
 
-    /// The array; rows that nobody filled are zero.
+    /// The array; rows that nobody took are zero.
     pub(crate) fn finish(self) -> Vec<T> {
         self.values
     }
@@ -81,9 +74,10 @@ mod tests {
         let lengths: Vec<u32> = (0..10_000).map(|i| i * 7 % 5).collect();
         let offsets = crate::parallel::scan::exclusive_u64(&lengths);
         let rows = RowsToFill::<u32>::new("test", &offsets).unwrap();
-        (0..lengths.len()).into_par_iter().rev().for_each(|number| {
-            // SAFETY: every number comes once.
-            unsafe { rows.row(&rows.place(number)) }.fill(number as u32);
+        (0..lengths.len() as u32).into_par_iter().rev().for_each(|number| {
+            for row in rows.take(&[number]) {
+                row.fill(number);
+            }
         });
         let expected: Vec<u32> =
             lengths.iter().enumerate().flat_map(|(row, &n)| std::iter::repeat_n(row as u32, n as usize)).collect();
@@ -94,6 +88,14 @@ mod tests {
     fn no_rows_are_an_empty_array() {
         assert!(RowsToFill::<u32>::new("test", &[]).unwrap().finish().is_empty());
         assert!(RowsToFill::<u32>::new("test", &[0]).unwrap().finish().is_empty());
+    }
+
+    #[test]
+    #[should_panic(expected = "taken once")]
+    fn a_row_is_given_out_once() {
+        let rows = RowsToFill::<u32>::new("test", &[0, 2, 3]).unwrap();
+        assert_eq!(rows.take(&[1, 0]).iter().map(|row| row.len()).collect::<Vec<_>>(), [1, 2]);
+        rows.take(&[0]);
     }
 
     #[test]

@@ -14,13 +14,13 @@ mod coherent;
 mod cpu;
 mod cpu_list;
 mod fixed_radius;
+mod found_rows;
 #[cfg(feature = "gpu")]
 mod gpu;
 #[cfg(feature = "gpu")]
 mod index;
 mod knn;
 mod map_rows;
-mod marks;
 mod neighbors;
 #[cfg(feature = "gpu")]
 mod occupancy;

@@ -1,11 +1,11 @@
 //! Rows of neighbours on their way to an answer: order and cap within a row, and the memory that rows may take.
 
-use super::{CutRow, FixedRadius, RowOrder};
+use super::{FixedRadius, RowOrder};
 use crate::geometry::row_simd::Hits;
 use crate::{Error, Result, host_memory};
 
 /// What a list is called in errors.
-const LIST: &str = "the list of neighbours";
+pub(super) const LIST: &str = "the list of neighbours";
 
 /// Makes rows out of hits, one after the other.
 #[derive(Debug, Default)]
@@ -14,14 +14,9 @@ pub(super) struct RowMaker {
 }
 
 impl RowMaker {
-    /// Caps and orders the neighbours of a query; returns what the cap left out.
+    /// Caps and orders the neighbours of a query.
     #[inline]
-    pub(super) fn make_row<const DIST2: bool>(
-        &mut self,
-        query: u32,
-        hits: &mut Hits,
-        question: &FixedRadius<'_>,
-    ) -> Option<CutRow> {
+    pub(super) fn make_row<const DIST2: bool>(&mut self, hits: &mut Hits, question: &FixedRadius<'_>) {
         let found = hits.ids.len();
         let kept = question.max_neighbors.map_or(found, |cap| found.min(cap as usize));
         if DIST2 && (kept < found || question.order != RowOrder::Unspecified) {
@@ -29,7 +24,6 @@ impl RowMaker {
         } else if question.order == RowOrder::Index {
             hits.ids.sort_unstable();
         }
-        (kept < found).then(|| CutRow { query, missing: (found - kept) as u32 })
     }
 
     /// Keeps the nearest `kept` hits, and orders them.
@@ -53,37 +47,50 @@ impl RowMaker {
     }
 }
 
-/// Bytes of one entry of a list.
-pub(super) fn entry_bytes(question: &FixedRadius<'_>) -> u64 {
-    if question.distances { 8 } else { 4 }
+/// Bytes that a list may take: by the caller's limit, and by what the host has left.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Room {
+    /// Bytes of an entry.
+    entry: u64,
+    offsets: u64,
+    /// Bytes of all entries.
+    by_caller: u64,
+    /// Bytes of all entries, and of what stands beside them.
+    by_host: u64,
 }
 
-/// Bytes that the host has left for the entries of an answer.
-pub(super) fn bytes_for_entries(question: &FixedRadius<'_>, n_points: usize) -> u64 {
-    available_memory().saturating_sub(offset_bytes(question, n_points))
-}
-
-/// Entries that the answer may have: by the caller's limit, and by what the host has left.
-pub(super) fn entry_limit(question: &FixedRadius<'_>, n_points: usize) -> u64 {
-    let bytes = entry_bytes(question);
-    let by_host = bytes_for_entries(question, n_points) / bytes;
-    let offsets = offset_bytes(question, n_points);
-    let by_caller = question.max_bytes.map_or(u64::MAX, |limit| limit.saturating_sub(offsets) / bytes);
-    by_host.min(by_caller)
-}
-
-/// The error for a list of `entries`.
-pub(super) fn too_large(entries: u64, question: &FixedRadius<'_>, n_points: usize) -> Error {
-    let offsets = offset_bytes(question, n_points);
-    Error::OutOfMemory {
-        what: LIST,
-        needed: entries * entry_bytes(question) + offsets,
-        available: entry_limit(question, n_points) * entry_bytes(question) + offsets,
+impl Room {
+    /// For the answer to a question about so many points.
+    pub(super) fn of(question: &FixedRadius<'_>, n_points: usize) -> Self {
+        let offsets = 8 * (question.len(n_points) as u64 + 1);
+        Self {
+            entry: if question.distances { 8 } else { 4 },
+            offsets,
+            by_caller: question.max_bytes.map_or(u64::MAX, |limit| limit.saturating_sub(offsets)),
+            by_host: available_memory().saturating_sub(offsets),
+        }
     }
-}
 
-fn offset_bytes(question: &FixedRadius<'_>, n_points: usize) -> u64 {
-    8 * (question.len(n_points) as u64 + 1)
+    /// Bytes of so many entries.
+    pub(super) fn bytes(&self, entries: u64) -> u64 {
+        entries.saturating_mul(self.entry)
+    }
+
+    /// Whether so many entries fit, with so many bytes of other things beside them.
+    pub(super) fn fits(&self, entries: u64, beside: u64) -> bool {
+        let bytes = self.bytes(entries);
+        bytes <= self.by_caller && bytes.saturating_add(beside) <= self.by_host
+    }
+
+    /// The error for so many entries that do not fit.
+    pub(super) fn too_large(&self, entries: u64, beside: u64) -> Error {
+        let available = self.by_caller.min(self.by_host.saturating_sub(beside));
+        Error::OutOfMemory {
+            what: LIST,
+            needed: self.bytes(entries).saturating_add(self.offsets),
+            available: available.saturating_add(self.offsets),
+        }
+    }
 }
 
 /// Bytes of memory the host has left; no limit where that is not known.

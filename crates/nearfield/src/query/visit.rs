@@ -116,6 +116,12 @@ impl<'a, S: CpuStructure> Visits<'a, S> {
         Query { id, ball, spans }
     }
 
+    /// The place of the query itself among the points, where it is to be left out: then the queries are the points, in the
+    /// structure's order.
+    pub(super) fn own_place(&self, place: usize) -> Option<usize> {
+        self.question.exclude_self.then_some(place)
+    }
+
     /// Calls `visit` with the places of queries that have candidates in common, and with these; returns what each task made,
     /// in searching order. `visit` returns false to stop all tasks.
     pub(super) fn each_part<T: Send>(

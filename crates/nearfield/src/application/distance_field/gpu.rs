@@ -33,10 +33,11 @@ pub struct GpuOrientedSamples {
 }
 
 impl GpuOrientedSamples {
-    /// Copies the samples to the device and builds the tree there.
+    /// Copies the samples to the device and builds the tree there, with 64 bytes more for each of its nodes.
     ///
     /// # Errors
-    /// As [`OrientedSamples::new`] and [`GpuAabbTree::build`].
+    /// As [`OrientedSamples::new`] and [`GpuAabbTree::build`]; `OutOfDeviceMemory` also where those bytes do not fit one binding, `Unsupported` where
+    /// the device would end the loops of a kernel, `KernelRejected`.
     pub fn build(gpu: &Gpu, points: &[Vec3], normals: &[Vec3]) -> Result<Self> {
         check_normals::<f32, Vec3>(points.len(), normals)?;
         let settings = AabbTreeSettings::DEFAULT.order(BuildOrder::Hilbert).bucket_size(LEAF);

@@ -8,10 +8,8 @@ use rayon::prelude::*;
 
 use super::quads::Quad;
 use super::surface::{Contour, Sheet};
+use crate::geometry::corner_bounds::Bounds;
 use crate::geometry::{RegularGrid, Scalar};
-
-/// A box.
-pub(super) type Bounds<T> = [[T; 3]; 2];
 
 /// Rows whose first quads are looked up together.
 const ROWS: usize = 256;
@@ -111,22 +109,4 @@ impl QuadRows {
         // A box of NaN reaches nothing.
         [0, 1, 2].map(farthest).into_iter().fold(0.0, f64::max) / f64::from(self.grid.spacing())
     }
-}
-
-/// The box of some corners; NaN where one is not finite.
-#[inline]
-pub(super) fn bounds_of<T: Scalar, const N: usize>(corners: [[T; 3]; N]) -> Bounds<T> {
-    if !corners.iter().flatten().all(|x| x.is_finite()) {
-        return [[T::of(f64::NAN); 3]; 2];
-    }
-    let first = [corners[0]; 2];
-    corners[1..].iter().fold(first, |[low, high], p| {
-        [[0, 1, 2].map(|axis| low[axis].smaller(p[axis])), [0, 1, 2].map(|axis| high[axis].larger(p[axis]))]
-    })
-}
-
-/// Whether two boxes share a point; never with NaN.
-#[inline]
-pub(super) fn overlap<T: Scalar>(a: &Bounds<T>, b: &Bounds<T>) -> bool {
-    (0..3).all(|axis| a[0][axis] <= b[1][axis] && b[0][axis] <= a[1][axis])
 }

@@ -13,12 +13,13 @@
 
 use rayon::prelude::*;
 
-use super::quad_rows::{Bounds, IN_CELLS, QuadRows, bounds_of, overlap};
+use super::quad_rows::{IN_CELLS, QuadRows};
 use super::quads::normal_of;
 use super::surface::{Contour, position};
 use crate::Result;
 use crate::application::Watch;
 use crate::geometry::Scalar;
+use crate::geometry::corner_bounds::{Bounds, bounds_of, overlap};
 use crate::geometry::mesh_intersections::meet_beyond_shared;
 use crate::geometry::triangles_apart::{Plane, surely_parted};
 use crate::geometry::vector::Vector;

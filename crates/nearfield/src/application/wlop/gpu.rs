@@ -93,7 +93,7 @@ impl GpuWlop {
         let radius = if positions.is_empty() { 1.0 } else { start::radius(settings, on_host, &samples)? };
         let formula = Formula::new(settings.variant, settings.weigh_inputs, radius.into());
         let along_curve = AabbTreeSettings::DEFAULT.order(BuildOrder::Hilbert);
-        // All searches among the points have one radius, and the points stay.
+        // Searches among the points reach as far as this or a little less, and the points stay.
         let reach = formula.attraction.reach as f32 * radius;
         let inputs = GpuUniformGrid::build(gpu, points, &GridSettings::for_radius(reach))?;
         let vectors: Vec<Vec3> = positions.iter().map(|&p| Vec3::from_array(p)).collect();

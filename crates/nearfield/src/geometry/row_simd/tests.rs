@@ -45,10 +45,35 @@ fn every_form_agrees_with_the_plain_loop_on_every_span() {
                     let found: Vec<(u32, f32)> = hits.ids.into_iter().zip(hits.dist2).skip(1).collect();
                     assert_eq!(found, expected, "{form:?} {start}..{end}");
                     assert_eq!(count(form, &points, &spans, &ball) as usize, expected.len(), "{form:?}");
+                    marks_stand_for(form, &points, &spans, &ball, &expected);
                 }
             }
         }
     }
+}
+
+/// Checks marks made by a form, what is collected by them, and that each can be taken away.
+fn marks_stand_for(form: Simd, points: &OrderedPoints, spans: &[Range<usize>], ball: &Ball, expected: &[(u32, f32)]) {
+    let mut marks = vec![0xaa];
+    let n = mark(form, points, spans, ball, &mut marks);
+    assert_eq!((n as usize, marks.len()), (expected.len(), 1 + mark_bytes(spans)), "{form:?}");
+    let marks = &marks[1..];
+    let pairs = |hits: Hits| hits.ids.into_iter().zip(hits.dist2).collect::<Vec<(u32, f32)>>();
+    let mut hits = Hits { ids: vec![7], dist2: vec![9.0] };
+    collect_marked::<true>(form, points, spans, ball, marks, &mut hits);
+    assert_eq!(pairs(hits)[1..], *expected, "{form:?} by marks");
+    let mut hits = Hits::default();
+    collect_places::<true>(points, marked(spans, marks), ball, &mut hits);
+    assert_eq!(pairs(hits), expected, "{form:?} by places");
+    let mut left = marks.to_vec();
+    // A place that stands in two spans is taken from the first.
+    for place in spans[0].clone() {
+        let inside = ball.period.dist2(ball.center, points.position(place)) <= ball.radius2;
+        assert_eq!(unmark(spans, place, &mut left), inside, "{form:?} {place}");
+        assert!(!unmark(spans, place, &mut left), "{form:?} {place}, again");
+    }
+    assert_eq!(marked(spans, &left).count(), marked(&spans[1..], &left[mark_bytes(&spans[..1])..]).count(), "{form:?}");
+    assert!(!unmark(spans, points.len(), &mut left));
 }
 
 #[test]

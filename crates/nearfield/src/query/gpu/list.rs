@@ -11,7 +11,8 @@ use super::capped_list::capped_list;
 use super::loops;
 use super::on_device::{list_on_device, record_fill, report_two_passes};
 use super::visit::QueryBuffers;
-use crate::query::{FixedRadius, Neighbors, Report, RowOrder, rows};
+use crate::query::rows::Room;
+use crate::query::{FixedRadius, Neighbors, Report, RowOrder};
 use crate::structure::GpuStructure;
 use crate::{Error, Result};
 
@@ -36,10 +37,10 @@ pub(super) fn check_host_memory<S: GpuStructure>(
     question: &FixedRadius<'_>,
     entries: u64,
 ) -> Result<()> {
-    if entries > rows::entry_limit(question, structure.len()) {
-        return Err(rows::too_large(entries, question, structure.len()));
-    }
-    Ok(())
+    let room = Room::of(question, structure.len());
+    // A part that was read may stand beside the list that it is appended to.
+    let beside = room.bytes(entries);
+    if room.fits(entries, beside) { Ok(()) } else { Err(room.too_large(entries, beside)) }
 }
 
 /// All neighbours of every query.

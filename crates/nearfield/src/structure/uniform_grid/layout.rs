@@ -117,7 +117,8 @@ impl GridLayout {
         if self.period[axis] > 0.0 {
             offset -= self.period[axis] * (offset * self.inverse_period[axis]).floor();
         }
-        (offset * self.inverse_cell[axis]).floor().clamp(0.0, (self.cells[axis] - 1) as f32) as u32
+        // The conversion rounds down what is not negative; a call of `floor` would take longer than all the rest.
+        (offset * self.inverse_cell[axis]).clamp(0.0, (self.cells[axis] - 1) as f32) as u32
     }
 
     /// The table entry at which row (y, z) begins.

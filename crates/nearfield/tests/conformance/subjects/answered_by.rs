@@ -36,13 +36,10 @@ impl Subject {
                     "aabb-tree" => self.variant.split(' ').next().expect("a variant should have a word"),
                     _ => "row-runs",
                 };
-                let list: &[&str] = &["row_simd::mark", "row_simd::collect_marked"];
-                let kernels = match asked {
+                let kernels: &[&str] = match asked {
                     Asked::Count => &["row_simd::count"],
-                    Asked::List { .. } | Asked::CappedList => list,
-                    // All rows by distance, cut.
-                    Asked::Knn if self.structure == "brute-force" => list,
-                    Asked::Nearest | Asked::Knn => &["row_simd::collect"],
+                    Asked::List { .. } => &["row_simd::mark", "row_simd::collect_marked"],
+                    Asked::CappedList | Asked::Nearest | Asked::Knn => &["row_simd::collect"],
                     Asked::Boxes => &["boxes"],
                 };
                 (report.device.starts_with("cpu ("), search, kernels.iter().map(|&kernel| kernel.to_owned()).collect())
