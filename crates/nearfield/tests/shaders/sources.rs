@@ -94,6 +94,10 @@ pub(crate) fn fillings(modules: &Modules, root: &str) -> Vec<Vec<(&'static str, 
     if own.contains(SURFACE) {
         return with_function(modules, "nearest_to").map(|surface| vec![(SURFACE, surface)]).collect();
     }
+    // Balls widen around queries for visitors of their own.
+    if own.contains(VISITOR) && source_of(modules, root).contains("finish_row(") {
+        return with_function(modules, "finish_row").map(|visitor| vec![(VISITOR, visitor)]).collect();
+    }
     let visitors: Vec<_> = with_function(modules, "finish").collect();
     let takes_masks = |visitor: &str| source_of(modules, visitor).contains("fn visit_mask(");
     if own.contains(TRAVERSAL) {
