@@ -24,7 +24,7 @@ const SHARED: &str = "shared_queries";
 pub(crate) const EXACTLY_ONE: &[(&str, &[&str])] = &[
     ("package::parallel::reduce", &["sum", "smallest", "largest"]),
     ("package::query::knn_run", &["few", "some", "many", "most"]),
-    ("package::structure::uniform_grid::find_pairs", &["counts", "keeps_masks", "fills"]),
+    ("package::structure::uniform_grid::find_pairs", &["counts", "keeps_masks", "marks", "fills"]),
 ];
 
 pub(crate) type Modules = [(&'static str, &'static str)];

@@ -107,8 +107,8 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         k,
         reach,
         balls,
-        tests_all,
-        n_pairs,
+        scans,
+        first,
         capacity,
         smallest
     });

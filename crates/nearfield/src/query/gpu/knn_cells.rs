@@ -23,11 +23,25 @@ use crate::{Error, Result};
 /// Invocations of a workgroup of the kernel.
 const WORKGROUP: u32 = 64;
 
+/// What balls are searched for.
+const VISITOR: &str = "package::query::nearest_run";
+
+/// Its loop rounds.
+const ROUNDS: VisitorRounds = VisitorRounds { each: 0, finish: MOST_PLACES as u64 };
+
 /// Smallest radius of a ball, unless a smaller one is asked for: its square is a normal number.
 const SMALLEST: f32 = 1e-18;
 
 /// Balls that double from the smallest to one that reaches everything, and a few more.
 const MOST_BALLS: u32 = 128;
+
+/// Bits of [`CellsRun::scans`], as in knn_cells.wesl: for the last ball, and for balls that touch more rows of cells than are worth looking
+/// up.
+const LAST_IS_ALL: u32 = 1;
+const WIDE_IS_ALL: u32 = 2;
+
+/// Devices that end long loops scan only where so many scans fit their rounds.
+const FEWEST_SCANS: u64 = 8;
 
 /// `CellsRun` in knn_cells.wesl, byte for byte.
 #[repr(C)]
@@ -49,11 +63,11 @@ pub struct CellsRun {
     pub reach: f32,
     /// Most balls of a query before the last one.
     pub balls: u32,
-    /// 1 where the last ball is all points.
-    pub tests_all: u32,
-    /// Pairs of queries that have masks.
-    pub n_pairs: u32,
-    /// Most words of a pair.
+    /// When all points are tested instead of a ball: [`LAST_IS_ALL`] and [`WIDE_IS_ALL`].
+    pub scans: u32,
+    /// First place of this run.
+    pub first: u32,
+    /// Most words that are kept of a pair.
     pub capacity: u32,
     /// No ball is searched with a smaller radius, unless it is asked for.
     pub smallest: f32,
@@ -76,7 +90,7 @@ impl InCells<'_> {
         reach(self.grid, self.within)
     }
 
-    /// What kernels are asked, without pairs.
+    /// What kernels are asked in the first run, without pairs.
     pub(super) fn run(&self) -> CellsRun {
         let (own_radius, radius) = self.within.radius.parameters();
         CellsRun {
@@ -88,17 +102,17 @@ impl InCells<'_> {
             k: self.places,
             reach: self.reach(),
             balls: self.balls.before_last,
-            tests_all: u32::from(self.balls.last_is_all),
-            n_pairs: 0,
+            scans: self.balls.scans,
+            first: 0,
             capacity: 0,
             smallest: SMALLEST,
         }
     }
 
-    /// Conditions of kernels that keep rows in registers.
-    pub(super) fn features(&self) -> Vec<(&'static str, bool)> {
+    /// Conditions of kernels that fill the places of rows from `first` on.
+    pub(super) fn features(&self, first: u32) -> Vec<(&'static str, bool)> {
         let mut features = vec![("fours", self.places.is_multiple_of(4))];
-        features.extend(size_features(self.places));
+        features.extend(size_features((self.places - first).min(MOST_PLACES)));
         features
     }
 
@@ -107,10 +121,10 @@ impl InCells<'_> {
         [(&self.rows.ids).into(), (&self.rows.dist2).into()]
     }
 
-    /// Records balls that widen around all queries, or around those that pairs left.
-    fn record(&self, commands: &mut Commands, left: Option<&LeftQueries>) -> Result<()> {
+    /// Records balls that widen around all queries, or around those that pairs left, for the places of rows from `first` on.
+    fn record(&self, commands: &mut Commands, first: u32, left: Option<&LeftQueries>) -> Result<()> {
         let gpu = self.grid.gpu();
-        let run: Buffer<CellsRun> = gpu.uniform("nearest run", &self.run())?;
+        let run: Buffer<CellsRun> = gpu.uniform("nearest run", &CellsRun { first, ..self.run() })?;
         let mut accesses = vec![Access::Uniform, Access::Read, Access::Read];
         let mut binds: Vec<Bind> = vec![(&run).into(), self.queries.points().into(), self.queries.radii().into()];
         for (access, bind) in self.grid.bindings() {
@@ -121,17 +135,13 @@ impl InCells<'_> {
             accesses.extend([Access::Read; 2]);
             binds.extend(left.binds());
         }
-        let is_long = self.places > MOST_PLACES;
         let mut features = self.grid.features();
-        features.extend(["masks", "shared_queries", "all_points", "by_index"].map(|name| (name, false)));
+        features.extend(["masks", "shared_queries", "all_points"].map(|name| (name, false)));
         features.extend([("listed", left.is_some()), ("short_loops", self.balls.short_loops)]);
-        if !is_long {
-            features.extend(self.features());
-        }
-        let visitor = if is_long { "package::query::nearest_many" } else { "package::query::nearest_few" };
+        features.extend(self.features(first));
         let kernel = Kernel {
             visitor_bindings: &[Access::ReadWrite; 2],
-            fills: &[("package::structure::visitor", Fill::Module(visitor))],
+            fills: &[("package::structure::visitor", Fill::Module(VISITOR))],
             features: &features,
             constants: &[("WORKGROUP", f64::from(WORKGROUP))],
             ..Kernel::new(GpuUniformGrid::KERNEL, "widen_balls", &accesses, WORKGROUP)
@@ -157,12 +167,14 @@ impl NearestOnDevice for GpuUniformGrid {
         let balls = Balls::of(self, within, places)?;
         let run = InCells { grid: self, within, queries, places, rows, balls };
         let Some(pairs) = NearestInPairs::suiting(&run)? else {
-            run.record(commands, None)?;
+            for first in (0..places).step_by(MOST_PLACES as usize) {
+                run.record(commands, first, None)?;
+            }
             return Ok(&[]);
         };
         let left = pairs.record(commands, &run)?;
         commands.stage("widen");
-        run.record(commands, Some(&left))?;
+        run.record(commands, 0, Some(&left))?;
         Ok(&NearestInPairs::KERNELS)
     }
 
@@ -184,8 +196,8 @@ fn reach(grid: &GpuUniformGrid, within: &FixedRadius<'_>) -> f32 {
 struct Balls {
     /// Most balls of a query before the last one.
     before_last: u32,
-    /// Whether the last one is all points.
-    last_is_all: bool,
+    /// When all points are tested instead.
+    scans: u32,
     short_loops: bool,
 }
 
@@ -197,23 +209,29 @@ impl Balls {
     /// `DeviceLost`.
     fn of(grid: &GpuUniformGrid, within: &FixedRadius<'_>, places: u32) -> Result<Self> {
         let (gpu, n, largest) = (grid.gpu(), GpuStructure::len(grid), within.largest_radius());
+        let last_is_all = |is_all: bool| if is_all { LAST_IS_ALL } else { 0 };
         let reaches_all = largest >= EVERYWHERE;
         let Some(limit) = gpu.limits().loop_rounds.filter(|_| within.len(n) > 0) else {
-            return Ok(Self { before_last: MOST_BALLS, last_is_all: reaches_all, short_loops: false });
+            let scans = WIDE_IS_ALL | last_is_all(reaches_all);
+            return Ok(Self { before_last: MOST_BALLS, scans, short_loops: false });
         };
-        let visitor = rounds_of_visitor(places);
         let queries = match within.queries {
             Queries::Points => None,
             Queries::Other(queries) => Some(reduce::bounds(queries)),
         };
-        // Apart from the loop over the balls themselves.
         let rounds_of = |radius| -> Result<u64> {
-            Ok(loops::rounds(grid.most_effort(radius, queries.as_ref())?, visitor).saturating_add(1))
+            Ok(loops::rounds(grid.most_effort(radius, queries.as_ref())?, ROUNDS).saturating_add(1))
         };
-        let all = loops::rounds(Effort { candidates: n as u64, rounds: 0 }, visitor) + 1;
-        let last = if reaches_all { all } else { rounds_of(largest)? };
-        let balls = Self { before_last: 0, last_is_all: all <= last, short_loops: visitor.suits_short_loops() };
-        let Some(mut left) = u64::from(limit).checked_sub(last.min(all)) else {
+        let all = loops::rounds(Effort { candidates: n as u64, rounds: 0 }, ROUNDS) + 1;
+        let walk = if reaches_all { all } else { rounds_of(largest)? };
+        let mut scans = last_is_all(all <= walk);
+        // Of invocations in step some may be at their last ball, and others at one that is wide, whenever others go on.
+        let mut last = walk.min(all);
+        if FEWEST_SCANS * all <= u64::from(limit) {
+            scans |= WIDE_IS_ALL;
+            last += all;
+        }
+        let Some(mut left) = u64::from(limit).checked_sub(last) else {
             let what = format!(
                 "finding the nearest {places} of {n} points on {}, which ends the loops of a kernel after {limit} rounds,",
                 gpu.name()
@@ -224,19 +242,10 @@ impl Balls {
         let mut before_last = 0;
         let mut radius = 2.0 * reach(grid, within).max(SMALLEST);
         while before_last < MOST_BALLS && radius < 2.0 * largest {
-            let Some(rest) = left.checked_sub(rounds_of(radius.min(largest))?) else { break };
+            let rounds = rounds_of(radius.min(largest))?.saturating_add(last);
+            let Some(rest) = left.checked_sub(rounds) else { break };
             (left, radius, before_last) = (rest, 2.0 * radius, before_last + 1);
         }
-        Ok(Self { before_last, ..balls })
+        Ok(Self { before_last, scans, short_loops: ROUNDS.suits_short_loops() })
     }
-}
-
-/// Rounds of the visitor that keeps so many neighbours.
-fn rounds_of_visitor(places: u32) -> VisitorRounds {
-    if places <= MOST_PLACES {
-        return VisitorRounds { each: 0, finish: u64::from(MOST_PLACES) };
-    }
-    // Places without a point are filled.
-    let sorted = loops::of_nearest_k(places);
-    VisitorRounds { finish: sorted.finish + u64::from(places) + 1, ..sorted }
 }

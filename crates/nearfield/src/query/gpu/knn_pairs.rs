@@ -3,7 +3,7 @@
 use super::knn_boxes::MOST_PLACES;
 use super::knn_cells::{CellsRun, InCells};
 use super::knn_packs::LeftQueries;
-use super::pairs::{PairMasks, Pairs};
+use super::pairs::Pairs;
 use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Workgroups};
 use crate::query::{FixedRadius, Radius};
 use crate::structure::GpuStructure;
@@ -18,9 +18,10 @@ const MOST_WORDS: u32 = 64;
 /// A search in pairs that suits a question.
 pub(super) struct NearestInPairs {
     pairs: Pairs,
-    masks: PairMasks,
-    counts: Buffer<u32>,
-    overflowed: Buffer<u32>,
+    /// `[pairs]` words that a pair has or would need.
+    words: Buffer<u32>,
+    /// `[capacity · pairs]`.
+    masks: Buffer<[u32; 4]>,
     capacity: u32,
 }
 
@@ -43,8 +44,9 @@ impl NearestInPairs {
         let within = FixedRadius { radius: Radius::One(run.reach()), ..*run.within };
         let made = || -> Result<Option<Self>> {
             let Some(pairs) = Pairs::of(run.grid, &within, run.queries)? else { return Ok(None) };
-            let (counts, overflowed) = (gpu.buffer("neighbour counts", n)?, gpu.buffer("overflowed pairs", 1)?);
-            Ok(Some(Self { masks: pairs.masks(capacity)?, pairs, counts, overflowed, capacity }))
+            let words = gpu.buffer("words of pairs", pairs.len())?;
+            let masks = gpu.buffer("neighbour masks", pairs.len() * capacity as usize)?;
+            Ok(Some(Self { pairs, words, masks, capacity }))
         };
         match made() {
             Err(Error::OutOfDeviceMemory { .. }) => Ok(None),
@@ -58,23 +60,23 @@ impl NearestInPairs {
     /// `KernelRejected`, `OutOfDeviceMemory`.
     pub(super) fn record(&self, commands: &mut Commands, run: &InCells<'_>) -> Result<LeftQueries> {
         let gpu = run.grid.gpu();
-        self.pairs.record_masks(commands, &self.counts, &self.masks, &self.overflowed)?;
+        self.pairs.record_marks(commands, &self.words, &self.masks)?;
         commands.stage("keep nearest");
         let left = LeftQueries::none_of(commands, gpu, run.queries.len())?;
-        let parameters = CellsRun { n_pairs: self.pairs.len() as u32, capacity: self.capacity, ..run.run() };
+        let parameters = CellsRun { capacity: self.capacity, ..run.run() };
         let parameters = gpu.uniform("nearest run", &parameters)?;
         let mut binds: Vec<Bind> = vec![
             (&parameters).into(),
             run.queries.points().into(),
             run.queries.radii().into(),
-            (&self.masks.words).into(),
-            (&self.masks.masks).into(),
+            (&self.words).into(),
+            (&self.masks).into(),
         ];
         binds.extend(left.binds());
         use Access::{Read, ReadWrite, Uniform};
         let kernel = Kernel {
             visitor_bindings: &[ReadWrite; 2],
-            features: &run.features(),
+            features: &run.features(0),
             constants: &[("WORKGROUP", f64::from(WORKGROUP))],
             ..Kernel::new(
                 Self::KERNELS[1],

@@ -5,6 +5,7 @@ use std::collections::BinaryHeap;
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::{GridLayout, GridSettings};
 use crate::geometry::Aabb;
 
 /// Points around which it is measured: their median is some 4 % of the number of points in a ball off.
@@ -74,6 +75,19 @@ pub(super) fn in_bounds(bounds: &Aabb, n_points: usize, k: u32) -> f32 {
     if radius.is_finite() { radius.max(f32::MIN_POSITIVE) } else { 0.0 }
 }
 
+/// How much wider cells may be than balls have to be, step by step: balls then hold up to twice as many points of a surface.
+const WIDER: [f32; 5] = [1.0, 1.1, 1.2, 1.35, 1.5];
+
+/// The radius, or a little more where cells would be too many for a dense table and then are not: hashed rows are not searched in pairs.
+pub(super) fn with_dense_table(radius: f32, bounds: &Aabb, n_points: usize) -> f32 {
+    let is_dense = |radius: &f32| {
+        let n_points = u32::try_from(n_points).unwrap_or(u32::MAX);
+        GridLayout::new(n_points, bounds, &GridSettings::for_radius(*radius)).hashed == 0
+    };
+    let wider = WIDER.map(|factor| radius * factor).into_iter().filter(|radius| radius.is_finite());
+    wider.filter(|_| radius > 0.0).find(is_dense).unwrap_or(radius)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -103,6 +117,18 @@ mod tests {
         let bounds = Aabb::of_points(&points);
         let ratio = measured(&points, 16) / in_bounds(&bounds, points.len(), 16);
         assert!((0.93..1.15).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn cells_of_a_surface_are_wide_enough_for_a_dense_table() {
+        let bounds = Aabb::new(Vec3::ZERO, Vec3::ONE);
+        // A sphere of diameter 1 with so many points has 26 in a ball of this radius.
+        let radius = |n: usize| (26.0 / n as f32).sqrt();
+        assert_eq!(with_dense_table(radius(500_000), &bounds, 500_000), radius(500_000));
+        let wider = with_dense_table(radius(2_000_000), &bounds, 2_000_000) / radius(2_000_000);
+        assert!((1.05..1.5).contains(&wider), "{wider}");
+        assert_eq!(with_dense_table(1e-5, &bounds, 1000), 1e-5, "no table would be dense");
+        assert_eq!(with_dense_table(0.0, &bounds, 1000), 0.0);
     }
 
     #[test]
