@@ -63,7 +63,7 @@ pub struct CellsRun {
     pub reach: f32,
     /// Most balls of a query before the last one.
     pub balls: u32,
-    /// When all points are tested instead of a ball: [`LAST_IS_ALL`] and [`WIDE_IS_ALL`].
+    /// When all points are tested instead of a ball: a bit for the last one, and one for those that touch many rows of cells.
     pub scans: u32,
     /// First place of this run.
     pub first: u32,
