@@ -49,7 +49,7 @@ pub use cpu_list::ListRows;
 pub use fixed_radius::{FixedRadius, Queries, Radius, RowOrder};
 #[cfg(feature = "gpu")]
 #[doc(hidden)]
-pub use gpu::{Asked, Batch, HitN, KNN_SPAN_POINTS, KnnBatch, KnnRun, PairSearch, SearchN, SmallList};
+pub use gpu::{Asked, Batch, CellsRun, HitN, KNN_SPAN_POINTS, KnnBatch, KnnRun, PairSearch, SearchN, SmallList};
 #[cfg(feature = "gpu")]
 pub use gpu::{
     DeviceQueries, ForEachOnDevice, GpuListPlan, GpuNearestNeighbors, GpuNeighborRows, GpuNeighbors, SearchOnDevice,

@@ -21,7 +21,7 @@ pub(crate) fn trials() -> Vec<Trial> {
 const PACKS: &str = "package::query::knn_packs";
 
 /// Rows of the `k` nearest by the obvious loop, ties by index; differences of `points` are exact.
-fn nearest_by_loop(points: &[Vec3], queries: &[Vec3], k: usize, excludes: bool) -> Vec<Vec<u32>> {
+pub(crate) fn nearest_by_loop(points: &[Vec3], queries: &[Vec3], k: usize, excludes: bool) -> Vec<Vec<u32>> {
     let row = |(i, &query): (usize, &Vec3)| {
         let others = points.iter().enumerate().filter(|&(j, _)| !(excludes && i == j));
         let mut all: Vec<(f32, u32)> = others.map(|(j, &p)| ((query - p).length_squared(), j as u32)).collect();
@@ -31,7 +31,7 @@ fn nearest_by_loop(points: &[Vec3], queries: &[Vec3], k: usize, excludes: bool) 
     queries.iter().enumerate().map(row).collect()
 }
 
-fn assert_rows(name: &str, found: &NearestNeighbors, expected: &[Vec<u32>]) {
+pub(crate) fn assert_rows(name: &str, found: &NearestNeighbors, expected: &[Vec<u32>]) {
     assert_eq!(found.len(), expected.len(), "{name}");
     for (i, expected) in expected.iter().enumerate() {
         assert_eq!(found.row(i), &expected[..], "{name}: row {i}");

@@ -7,6 +7,7 @@
 mod coherent;
 mod grid_builds;
 mod kept_pipelines;
+mod knn_cells;
 mod knn_packs;
 mod list_plans;
 mod loss;
@@ -118,6 +119,7 @@ fn main() {
     trials.extend(list_plans::trials());
     trials.extend(trees::trials());
     trials.extend(knn_packs::trials());
+    trials.extend(knn_cells::trials());
     trials.extend(ray_trees::trials());
     trials.extend(tiny_triangles::trials());
     trials.extend(coherent::trials());

@@ -24,7 +24,7 @@ const SHARED: &str = "shared_queries";
 pub(crate) const EXACTLY_ONE: &[(&str, &[&str])] = &[
     ("package::parallel::reduce", &["sum", "smallest", "largest"]),
     ("package::query::knn_run", &["few", "some", "many", "most"]),
-    ("package::structure::uniform_grid::find_pairs", &["counts", "keeps_masks", "fills"]),
+    ("package::structure::uniform_grid::find_pairs", &["counts", "keeps_masks", "marks", "fills"]),
 ];
 
 pub(crate) type Modules = [(&'static str, &'static str)];
@@ -93,6 +93,10 @@ pub(crate) fn fillings(modules: &Modules, root: &str) -> Vec<Vec<(&'static str, 
     }
     if own.contains(SURFACE) {
         return with_function(modules, "nearest_to").map(|surface| vec![(SURFACE, surface)]).collect();
+    }
+    // Balls widen around queries for visitors of their own.
+    if own.contains(VISITOR) && source_of(modules, root).contains("finish_row(") {
+        return with_function(modules, "finish_row").map(|visitor| vec![(VISITOR, visitor)]).collect();
     }
     let visitors: Vec<_> = with_function(modules, "finish").collect();
     let takes_masks = |visitor: &str| source_of(modules, visitor).contains("fn visit_mask(");

@@ -15,7 +15,7 @@ use nearfield::application::{
 use nearfield::curve::{Domain, MAX_LEVEL};
 use nearfield::geometry::{PreparedTriangle, RaySpace};
 use nearfield::query::{
-    Asked, Batch, HitN, KnnBatch, KnnRun, PairSearch, RayBatch, SearchN, SmallList, SortBatch, Sweep,
+    Asked, Batch, CellsRun, HitN, KnnBatch, KnnRun, PairSearch, RayBatch, SearchN, SmallList, SortBatch, Sweep,
 };
 use nearfield::structure::aabb_tree::{AabbNode, TreeLayout};
 use nearfield::structure::brute_force::{BruteForceLayout, TriangleList};
@@ -97,6 +97,20 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         level,
         are_points,
         padding
+    });
+    let cells = layout_of!(CellsRun {
+        count,
+        first_id,
+        exclude_self,
+        own_radius,
+        radius,
+        k,
+        reach,
+        balls,
+        scans,
+        first,
+        capacity,
+        smallest
     });
     let knn = layout_of!(KnnBatch { count, first_id, exclude_self, own_radius, radius, k, padding });
     let sweep = layout_of!(Sweep { n_queries, first_id, flags, radius, n_packs, first_pack, end_pack, n_candidates });
@@ -290,6 +304,7 @@ pub(crate) fn twins() -> BTreeMap<&'static str, Layout> {
         ),
         ("PairSearch", layout_of!(PairSearch { capacity, n_pairs, radius, padding })),
         ("KnnRun", with_single_words(run)),
+        ("CellsRun", cells),
         ("KnnBatch", with_single_words(knn)),
         ("RayBatch", with_single_words(layout_of!(RayBatch { count, padding }))),
         ("SortBatch", with_single_words(layout_of!(SortBatch { count, padding }))),

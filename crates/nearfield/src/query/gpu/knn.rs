@@ -1,4 +1,4 @@
-//! The nearest points on the device: kernels over trees, or the list with a cap where there is none.
+//! The nearest points on the device: kernels over trees and grids, or the list with a cap where there is none.
 
 use std::time::Instant;
 
@@ -8,7 +8,7 @@ use super::visit::QueryBuffers;
 use crate::Result;
 use crate::gpu::{Buffer, Commands};
 use crate::query::{FixedRadius, Knn, KnnSearch, NearestNeighbors, Report};
-use crate::structure::{GpuAabbTree, GpuBruteForce, GpuLinearOctree, GpuStructure};
+use crate::structure::{GpuAabbTree, GpuBruteForce, GpuLinearOctree, GpuStructure, GpuUniformGrid};
 
 /// The nearest points of every query, on the device.
 #[derive(Debug)]
@@ -30,15 +30,15 @@ pub(super) struct Rows {
     pub(super) dist2: Buffer<f32>,
 }
 
-/// A tree with a kernel that finds the nearest points.
+/// A structure with a kernel that finds the nearest points.
 pub(super) trait NearestOnDevice: GpuStructure {
     /// Name of that search.
     const NEAREST: &'static str;
     /// Module of the kernel.
     const KERNEL: &'static str;
 
-    /// Records finding the nearest `places` points of these queries, at least one, into rows. Returns the module of the kernel
-    /// that goes before, if one does.
+    /// Records finding the nearest `places` points of these queries, at least one, into rows. Returns the modules of kernels
+    /// that go before.
     fn record_nearest(
         &self,
         commands: &mut Commands,
@@ -46,7 +46,7 @@ pub(super) trait NearestOnDevice: GpuStructure {
         queries: &QueryBuffers,
         places: u32,
         rows: &Rows,
-    ) -> Result<Option<&'static str>>;
+    ) -> Result<&'static [&'static str]>;
 
     /// Checks that the device does not end the kernel's loops before their work is done.
     fn check_loops(&self, question: &Knn<'_>, places: usize) -> Result<()>;
@@ -76,7 +76,7 @@ macro_rules! nearest_on_gpu {
     )*};
 }
 
-nearest_on_gpu!(GpuLinearOctree, GpuAabbTree);
+nearest_on_gpu!(GpuLinearOctree, GpuAabbTree, GpuUniformGrid);
 
 fn knn_on_device<S: NearestOnDevice>(tree: &S, question: &Knn<'_>) -> Result<GpuNearestNeighbors> {
     let within = question.as_fixed_radius();
@@ -128,7 +128,7 @@ pub(super) fn report<S: NearestOnDevice>(tree: &S) -> Report {
     }
 }
 
-/// Rows of `places` neighbours of these queries; the report gets the times of finding them, and a kernel that went before.
+/// Rows of `places` neighbours of these queries; the report gets the times of finding them, and kernels that went before.
 pub(super) fn find<S: NearestOnDevice>(
     tree: &S,
     within: &FixedRadius<'_>,
@@ -147,8 +147,8 @@ pub(super) fn find<S: NearestOnDevice>(
     commands.stage("query");
     let before = tree.record_nearest(&mut commands, within, queries, places as u32, &rows)?;
     add_stages(report, &commands.run()?);
-    if let Some(kernel) = before.filter(|&kernel| report.kernels.iter().all(|other| other != kernel)) {
-        report.kernels.insert(0, kernel.to_owned());
+    if !report.kernels.iter().any(|kernel| before.contains(&kernel.as_str())) {
+        report.kernels.splice(0..0, before.iter().map(|&kernel| kernel.to_owned()));
     }
     Ok(rows)
 }

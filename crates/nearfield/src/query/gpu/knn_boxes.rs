@@ -18,6 +18,12 @@ const WORKGROUP: u32 = 64;
 pub(super) const MOST_PLACES: u32 = 32;
 const SIZES: [(&str, u32); 4] = [("few", 4), ("some", 8), ("many", 16), ("most", MOST_PLACES)];
 
+/// Conditions of kernels that keep so many neighbours in registers, at most [`MOST_PLACES`].
+pub(super) fn size_features(places: u32) -> impl Iterator<Item = (&'static str, bool)> {
+    let size = SIZES.iter().position(|&(_, size)| places <= size).expect("the largest size should hold a run");
+    SIZES.iter().enumerate().map(move |(i, &(name, _))| (name, i == size))
+}
+
 /// How the kernels use what they have bound from 0 to 7.
 pub(super) const ACCESSES: [Access; 8] = {
     use Access::{Read, ReadWrite, Uniform};
@@ -65,10 +71,8 @@ pub(super) struct NearestRun<'a> {
 impl NearestRun<'_> {
     /// Conditions of a kernel that fills the places of rows from `first` on.
     pub(super) fn features(&self, first: u32) -> Vec<(&'static str, bool)> {
-        let left = (self.places - first).min(MOST_PLACES);
-        let size = SIZES.iter().position(|&(_, size)| left <= size).expect("the largest size should hold a run");
         let mut features = vec![("periodic", self.tree.settings().period.is_periodic())];
-        features.extend(SIZES.iter().enumerate().map(|(i, &(name, _))| (name, i == size)));
+        features.extend(size_features((self.places - first).min(MOST_PLACES)));
         features.extend([("fours", self.places.is_multiple_of(4)), ("excludes", self.within.exclude_self)]);
         features
     }
@@ -133,17 +137,17 @@ impl NearestOnDevice for GpuAabbTree {
         queries: &QueryBuffers,
         places: u32,
         rows: &Rows,
-    ) -> Result<Option<&'static str>> {
+    ) -> Result<&'static [&'static str]> {
         let run = NearestRun { tree: self, within, queries, places, rows };
         if let Some(packs) = Packs::suiting(&run) {
             let left = packs.record(commands, &run)?;
             run.record(commands, 0, Some(&left))?;
-            return Ok(Some(Packs::KERNEL));
+            return Ok(&[Packs::KERNEL]);
         }
         for first in (0..places).step_by(MOST_PLACES as usize) {
             run.record(commands, first, None)?;
         }
-        Ok(None)
+        Ok(&[])
     }
 
     fn check_loops(&self, _: &Knn<'_>, places: usize) -> Result<()> {

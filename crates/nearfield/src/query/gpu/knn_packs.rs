@@ -6,7 +6,7 @@
 use super::knn_boxes::{ACCESSES, MOST_PLACES, NearestRun};
 use super::visit::Dealing;
 use crate::Result;
-use crate::gpu::{Access, Bind, Buffer, Commands, Kernel};
+use crate::gpu::{Access, Bind, Buffer, Commands, Gpu, Kernel};
 use crate::structure::{GpuAabbTree, GpuStructure};
 
 /// Invocations of a workgroup where the structure does not ask for parts. For 16 of uniform-1m on an H200: 1.62 ms, and 1.77 with 32.
@@ -39,7 +39,14 @@ pub(super) struct LeftQueries {
 }
 
 impl LeftQueries {
-    /// As kernels have them bound from 8 on.
+    /// Memory for so many, of which there are none yet.
+    pub(super) fn none_of(commands: &mut Commands, gpu: &Gpu, n: usize) -> Result<Self> {
+        let number = gpu.buffer("number of queries left", 1)?;
+        commands.clear(&number);
+        Ok(Self { number, places: gpu.buffer("queries left", n)? })
+    }
+
+    /// The number and the places.
     pub(super) fn binds(&self) -> [Bind; 2] {
         [(&self.number).into(), (&self.places).into()]
     }
@@ -69,10 +76,7 @@ impl Packs {
     /// Records the search; the rows of those left are not filled.
     pub(super) fn record(&self, commands: &mut Commands, run: &NearestRun<'_>) -> Result<LeftQueries> {
         let gpu = run.tree.gpu();
-        let left = LeftQueries {
-            number: gpu.buffer("number of queries left", 1)?,
-            places: gpu.buffer("queries left", run.queries.len())?,
-        };
+        let left = LeftQueries::none_of(commands, gpu, run.queries.len())?;
         let mut accesses = ACCESSES.to_vec();
         accesses.extend([Access::ReadWrite; 2]);
         let mut features = run.features(0);
@@ -84,7 +88,6 @@ impl Packs {
         };
         let mut binds = run.binds(0, &self.dealing)?;
         binds.extend(left.binds());
-        commands.clear(&left.number);
         commands.dispatch(&gpu.prepare(&kernel)?, &binds, self.dealing.covering());
         Ok(left)
     }

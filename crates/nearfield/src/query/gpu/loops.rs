@@ -23,6 +23,14 @@ pub(super) struct VisitorRounds {
     pub(super) finish: u64,
 }
 
+impl VisitorRounds {
+    /// Whether a round should test eight candidates: a visitor with loops takes most rounds itself, and its code would stand in the
+    /// kernel eight times.
+    pub(super) fn suits_short_loops(self) -> bool {
+        self.each == 0
+    }
+}
+
 /// How a traversal is compiled.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Traversal {
@@ -111,18 +119,18 @@ pub(super) fn can_search_in_pairs<S: GpuStructure>(structure: &S, radius: f32) -
 
 /// The first traversal whose rounds fit the limit.
 fn choose(walk: Effort, all: Effort, visitor: VisitorRounds, limit: u32) -> Option<Traversal> {
-    // A visitor with loops takes most rounds itself, and its code would stand in the kernel eight times.
-    let short_loops = visitor.each == 0;
-    let rounds = |effort: Effort| {
-        let candidates = match short_loops {
-            true => effort.candidates.div_ceil(CANDIDATES_A_ROUND),
-            false => effort.candidates.saturating_mul(1 + visitor.each),
-        };
-        // One look ends each loop.
-        candidates.saturating_add(effort.rounds).saturating_add(visitor.finish + 2)
+    let fits = |effort| rounds(effort, visitor) <= u64::from(limit);
+    (fits(walk) || fits(all)).then_some(Traversal { short_loops: visitor.suits_short_loops(), all_points: !fits(walk) })
+}
+
+/// Rounds that so much takes, with those of the visitor.
+pub(super) fn rounds(effort: Effort, visitor: VisitorRounds) -> u64 {
+    let candidates = match visitor.suits_short_loops() {
+        true => effort.candidates.div_ceil(CANDIDATES_A_ROUND),
+        false => effort.candidates.saturating_mul(1 + visitor.each),
     };
-    let fits = |effort| rounds(effort) <= u64::from(limit);
-    (fits(walk) || fits(all)).then_some(Traversal { short_loops, all_points: !fits(walk) })
+    // One look ends each loop.
+    candidates.saturating_add(effort.rounds).saturating_add(visitor.finish + 2)
 }
 
 /// Rounds of `visit` and `finish` of the visitor `nearest_k` that keeps `places` neighbours.

@@ -2,7 +2,7 @@
 //!
 //! `visit` runs a visitor; `answers` are count and nearest; `list` is the list with its batches, `capped_list` that of
 //! the nearest, `list_plan` that of few points again and again; `on_device` leaves answers there; `row_masks` is the fast way to write rows; `pairs` searches two points at a time; `visitor` takes a caller's
-//! own WGSL, `device_queries` takes queries that are there already; `knn` finds the nearest of a tree and `boxes` what
+//! own WGSL, `device_queries` takes queries that are there already; `knn` finds the nearest of a tree or a grid and `boxes` what
 //! lies in boxes, `knn_visit` runs visitors on the nearest; `loops` keeps answers exact on devices that end long loops.
 
 mod answers;
@@ -13,8 +13,10 @@ mod capped_list;
 mod device_queries;
 mod knn;
 mod knn_boxes;
+mod knn_cells;
 mod knn_octants;
 mod knn_packs;
+mod knn_pairs;
 mod knn_visit;
 mod list;
 mod list_plan;
@@ -33,6 +35,8 @@ pub(crate) use device_queries::{VisitorModule, record_module};
 pub use knn::GpuNearestNeighbors;
 #[doc(hidden)]
 pub use knn_boxes::KnnRun;
+#[doc(hidden)]
+pub use knn_cells::CellsRun;
 #[doc(hidden)]
 pub use knn_octants::KnnBatch;
 #[doc(hidden)]

@@ -40,6 +40,7 @@ pub struct PairSearch {
 enum Task {
     Count,
     KeepMasks,
+    Mark,
     Fill,
 }
 
@@ -144,6 +145,20 @@ impl Pairs {
         self.record(commands, Task::KeepMasks, &outputs.map(|bind| (Access::ReadWrite, bind)))
     }
 
+    /// Records the masks alone: `[pairs]` the words that a pair has or would need, and `[capacity · pairs]`.
+    ///
+    /// # Errors
+    /// As [`Pairs::record_counts`].
+    pub(super) fn record_marks(
+        &self,
+        commands: &mut Commands,
+        words: &Buffer<u32>,
+        masks: &Buffer<[u32; 4]>,
+    ) -> Result<()> {
+        let outputs: [Bind; 2] = [words.into(), masks.into()];
+        self.record(commands, Task::Mark, &outputs.map(|bind| (Access::ReadWrite, bind)))
+    }
+
     /// Records a second walk that writes the rows of pairs with too many words: from `starts` on, by the caller's index.
     ///
     /// # Errors
@@ -174,6 +189,7 @@ impl Pairs {
         features.extend([
             ("counts", task == Task::Count),
             ("keeps_masks", task == Task::KeepMasks),
+            ("marks", task == Task::Mark),
             ("fills", task == Task::Fill),
         ]);
         self.gpu.prepare(&Kernel {

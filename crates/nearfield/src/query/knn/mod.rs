@@ -50,7 +50,7 @@ pub struct Knn<'a> {
 const ENTRY_BYTES: u64 = 8;
 
 /// A radius that reaches every point from every query, and whose square is an f32.
-const EVERYWHERE: f32 = 1.8e19;
+pub(in crate::query) const EVERYWHERE: f32 = 1.8e19;
 
 impl<'a> Knn<'a> {
     /// The `k` nearest points of every point of the structure.

@@ -100,6 +100,15 @@ impl GridLayout {
         Self { hashed: 1, table_size, ..self }
     }
 
+    /// The longest radius whose balls touch at most 3 × 3 rows of cells; infinite where there is one cell for everything.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn reach(&self) -> f32 {
+        let edge =
+            |axis: usize| if self.inverse_cell[axis] > 0.0 { 1.0 / self.inverse_cell[axis] } else { f32::INFINITY };
+        let rows = edge(1).min(edge(2));
+        if rows.is_finite() { rows } else { edge(0) }
+    }
+
     /// Bits that hold every table entry's number.
     pub fn key_bits(&self) -> u32 {
         32 - (self.table_size - 1).leading_zeros()
@@ -241,6 +250,19 @@ mod tests {
         assert_eq!(layout.table_size, 17 * 5 * 5);
         assert_eq!(layout.entry_of([16, 4, 4]), layout.table_size - 1);
         assert_eq!(layout.cell_of(Vec3::new(1.0, 0.49, -7.0)), [16, 1, 0]);
+    }
+
+    #[cfg(feature = "gpu")]
+    #[test]
+    fn the_reach_is_that_of_rows_where_there_are_any() {
+        assert_eq!(unit(10_000, 0.25).reach(), 0.25);
+        let of = |corner: Vec3| {
+            let settings = GridSettings::for_radius(0.25);
+            GridLayout::new(100, &Aabb::new(Vec3::ZERO, corner), &settings).reach()
+        };
+        assert_eq!(of(Vec3::X), 0.0625, "cells along x are a quarter as long");
+        assert_eq!(of(Vec3::new(1.0, 0.0, 1.0)), 0.25);
+        assert_eq!(of(Vec3::ZERO), f32::INFINITY);
     }
 
     #[test]

@@ -25,6 +25,7 @@ mod effort;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod layout;
+mod nearest_radius;
 mod settings;
 mod validate;
 

@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::nearest_radius;
 use crate::geometry::{Aabb, Period, validate};
 use crate::parallel::reduce;
 use crate::{Error, Result};
@@ -30,6 +31,22 @@ impl GridSettings {
     /// Cells chosen by density: about two points each if they were spread evenly.
     pub fn by_density() -> Self {
         Self::for_radius(0.0)
+    }
+
+    /// Cells for the `k` nearest of these points: balls as wide as a cell hold a few more than `k`, where points are spread evenly over
+    /// space or a surface. For 16 that are some 26.
+    ///
+    /// It is the median distance within which 32 of the points have so many others, measured to all points: about 0.1 s a million
+    /// on two cores, or up to half as much more where the table is dense then. Where there are not so many points it is 0, and the build
+    /// chooses by density. Any other cells find the same nearest points, slower.
+    pub fn for_nearest(points: &[Vec3], k: u32) -> Self {
+        let radius = nearest_radius::measured(points, k);
+        Self::for_radius(nearest_radius::with_dense_table(radius, &reduce::bounds(points), points.len()))
+    }
+
+    /// As [`GridSettings::for_nearest`] for `n_points` points that fill `bounds` evenly, which it gives to the build too.
+    pub fn for_nearest_in(bounds: Aabb, n_points: usize, k: u32) -> Self {
+        Self::for_radius(nearest_radius::in_bounds(&bounds, n_points, k)).bounds(bounds)
     }
 
     /// Makes the domain periodic.

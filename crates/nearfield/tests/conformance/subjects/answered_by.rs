@@ -103,13 +103,17 @@ impl Subject {
         if asked == Asked::Knn && self.structure == "brute-force" { Asked::CappedList } else { asked }
     }
 
-    /// The same where the points of a grid are searched in pairs, which is for counts and for lists by masks only.
+    /// The same where the points of a grid are searched in pairs, which is for counts, for lists by masks and for the nearest only.
     #[cfg(feature = "gpu")]
     fn in_pairs(&self, asked: Asked) -> (&'static str, Vec<String>) {
         match asked {
             Asked::Count if self.structure == "uniform-grid" => ("thread-a-pair", vec![FIND_PAIRS.to_owned()]),
             Asked::List { sorted: false, distances: false } if self.structure == "uniform-grid" => {
                 ("row-masks", vec![FIND_PAIRS.to_owned(), "package::query::expand_pairs".to_owned()])
+            }
+            Asked::Knn if self.structure == "uniform-grid" => {
+                let kernels = [FIND_PAIRS, "package::query::knn_pairs", "package::query::knn_widening"];
+                ("nearest-cells", kernels.map(str::to_owned).to_vec())
             }
             _ => ("no search in pairs", vec![]),
         }
@@ -122,6 +126,9 @@ impl Subject {
         match asked {
             Asked::Knn if self.structure == "aabb-tree" => {
                 return ("nearest-boxes", vec!["package::query::knn_boxes".to_owned()]);
+            }
+            Asked::Knn if self.structure == "uniform-grid" => {
+                return ("nearest-cells", vec!["package::query::knn_widening".to_owned()]);
             }
             Asked::Knn => return ("nearest-octants", vec!["package::query::knn".to_owned()]),
             Asked::Boxes => return ("thread-a-box", vec!["package::query::boxes".to_owned()]),

@@ -111,7 +111,7 @@ macro_rules! on_gpu {
 #[cfg(feature = "gpu")]
 on_gpu!(GpuBruteForce, |_| None, knn);
 #[cfg(feature = "gpu")]
-on_gpu!(GpuUniformGrid, |_| None);
+on_gpu!(GpuUniformGrid, |_| None, knn);
 #[cfg(feature = "gpu")]
 on_gpu!(
     GpuAabbTree,
