@@ -1,9 +1,10 @@
 //! Axis-aligned bounding boxes.
 
+use bytemuck::Zeroable;
 use glam::Vec3;
 
 /// A closed axis-aligned box. Empty when any `min` is greater than its `max`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Zeroable)]
 #[repr(C)]
 pub struct Aabb {
     /// Smallest corner.
@@ -17,6 +18,7 @@ impl Aabb {
     pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
     /// The box between two corners.
+    #[inline]
     pub const fn new(min: Vec3, max: Vec3) -> Self {
         Self { min, max }
     }
@@ -27,11 +29,13 @@ impl Aabb {
     }
 
     /// The smallest box that holds `self` and `point`.
+    #[inline]
     pub fn grown_to(self, point: Vec3) -> Self {
         Self { min: self.min.min(point), max: self.max.max(point) }
     }
 
     /// The smallest box that holds both.
+    #[inline]
     pub fn union(self, other: Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
@@ -47,11 +51,13 @@ impl Aabb {
     }
 
     /// Edge lengths; zero where empty.
+    #[inline]
     pub fn extent(&self) -> Vec3 {
         (self.max - self.min).max(Vec3::ZERO)
     }
 
     /// Midpoint of the box.
+    #[inline]
     pub fn center(&self) -> Vec3 {
         0.5 * self.min + 0.5 * self.max
     }

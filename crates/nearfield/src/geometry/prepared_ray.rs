@@ -47,6 +47,7 @@ impl RaySpace {
     }
 
     /// A box grown by the margin, or to the next coordinates where the margin is finer than they are.
+    #[inline]
     pub fn widened(&self, aabb: &Aabb) -> Aabb {
         let below = (aabb.min - self.margin).to_array().map(f32::next_down);
         let above = (aabb.max + self.margin).to_array().map(f32::next_up);

@@ -54,12 +54,17 @@ impl LocalHit {
 
 impl PreparedTriangle {
     /// Prepares the triangle with this index. A triangle without an area keeps its place and is never hit.
+    #[inline]
     pub fn new(triangle: &Triangle, index: u32) -> Self {
         let corners = [triangle.a, triangle.b, triangle.c];
         // Both zeros are one coordinate.
-        let key = |i: usize| corners[i].to_array().map(|c| c + 0.0);
+        let keys = corners.map(|corner| corner.to_array().map(|c| c + 0.0));
         let mut order = [0, 1, 2];
-        order.sort_by(|&i, &j| key(i).partial_cmp(&key(j)).expect("coordinates should be numbers"));
+        for place in [0, 1, 0] {
+            if keys[order[place]] > keys[order[place + 1]] {
+                order.swap(place, place + 1);
+            }
+        }
         let [low, middle, high] =
             if is_degenerate(triangle) { [corners[order[0]]; 3] } else { order.map(|i| corners[i]) };
         let corners = order.iter().enumerate().map(|(place, &corner)| (corner as u32) << (2 * place)).sum();
@@ -126,11 +131,13 @@ impl PreparedTriangle {
     }
 
     /// Whether the triangle can be hit at all: the corners of one without an area are one point.
+    #[inline]
     pub fn has_area(&self) -> bool {
         self.low != self.high
     }
 
     /// The smallest box that holds the triangle.
+    #[inline]
     pub fn bounds(&self) -> Aabb {
         Triangle::new(self.low, self.middle, self.high).bounds()
     }
@@ -196,9 +203,13 @@ fn on_longest_edge(corners: [Vec3; 3]) -> ([f32; 3], Vec3) {
 }
 
 /// Whether the corners lie on a line, as far as 53 bits tell.
+#[inline]
 fn is_degenerate(triangle: &Triangle) -> bool {
     let (ab, ac) = (triangle.b.as_dvec3() - triangle.a.as_dvec3(), triangle.c.as_dvec3() - triangle.a.as_dvec3());
-    ab.cross(ac).length() <= 8.0 * f64::EPSILON * ab.length() * ac.length()
+    let (cross2, product2) = (ab.cross(ac).length_squared(), ab.length_squared() * ac.length_squared());
+    // What is far from the limit needs no roots.
+    let is_clear = cross2 > 65.0 * f64::EPSILON * f64::EPSILON * product2;
+    !is_clear && ab.cross(ac).length() <= 8.0 * f64::EPSILON * ab.length() * ac.length()
 }
 
 #[cfg(test)]

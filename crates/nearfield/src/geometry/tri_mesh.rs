@@ -52,6 +52,7 @@ impl TriMesh {
     ///
     /// # Panics
     /// If `i` is not below the number of triangles.
+    #[inline]
     pub fn triangle(&self, i: usize) -> Triangle {
         let [a, b, c] = self.triangles[i].map(|v| self.vertices[v as usize]);
         Triangle::new(a, b, c)

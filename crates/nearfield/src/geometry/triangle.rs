@@ -18,11 +18,13 @@ pub struct Triangle {
 
 impl Triangle {
     /// The triangle between three corners.
+    #[inline]
     pub const fn new(a: Vec3, b: Vec3, c: Vec3) -> Self {
         Self { a, b, c }
     }
 
     /// The smallest box that holds the triangle.
+    #[inline]
     pub fn bounds(&self) -> Aabb {
         Aabb::new(self.a.min(self.b).min(self.c), self.a.max(self.b).max(self.c))
     }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::BuildStage;
 use crate::geometry::{Aabb, LocalHit, PreparedRay, PreparedTriangle, RaySpace, TriMesh, validate};
+use crate::host_memory::zeroed;
 use crate::{Error, Result};
 
 /// The triangles of a mesh, prepared once and shared by every structure over them.
@@ -19,6 +20,9 @@ pub struct PreparedTriangles {
 /// Most triangles: three numbers of the 32 bits stand for rays without a hit.
 const MOST_TRIANGLES: u64 = u32::MAX as u64 - 3;
 
+/// Triangles that a thread prepares at once.
+const CHUNK: usize = 1 << 12;
+
 impl PreparedTriangles {
     /// Prepares every triangle of the mesh, relative to its origin.
     ///
@@ -27,7 +31,7 @@ impl PreparedTriangles {
     ///
     /// # Errors
     /// `NoTriangles`; `TooMany` (an index of a triangle without a vertex, or more than 2³² − 4 triangles); `NonFinite`,
-    /// `CoordinateTooLarge` (vertices).
+    /// `CoordinateTooLarge` (vertices); `OutOfMemory`.
     pub fn new(mesh: &TriMesh) -> Result<Arc<Self>> {
         if mesh.triangles.is_empty() {
             return Err(Error::NoTriangles { vertices: mesh.vertices.len() as u64 });
@@ -42,11 +46,17 @@ impl PreparedTriangles {
         }
         mesh.check_indices()?;
         validate::coordinates("vertices", &mesh.vertices)?;
-        let prepare = |i: usize| PreparedTriangle::new(&mesh.triangle(i), i as u32);
-        let triangles = (0..mesh.triangles.len()).into_par_iter().with_min_len(1 << 12).map(prepare).collect();
+        let mut triangles: Vec<PreparedTriangle> = zeroed("prepared triangles", mesh.triangles.len())?;
         // Vertices that no triangle uses must not widen the space.
-        let bounds = |i: usize| mesh.triangle(i).bounds();
-        let bounds = (0..mesh.triangles.len()).into_par_iter().with_min_len(1 << 12).map(bounds);
+        let bounds = triangles.par_chunks_mut(CHUNK).enumerate().map(|(chunk, prepared)| {
+            let mut bounds = Aabb::EMPTY;
+            for (i, prepared) in prepared.iter_mut().enumerate() {
+                let (triangle, index) = (mesh.triangle(chunk * CHUNK + i), chunk * CHUNK + i);
+                *prepared = PreparedTriangle::new(&triangle, index as u32);
+                bounds = bounds.union(triangle.bounds());
+            }
+            bounds
+        });
         let bounds = bounds.reduce(|| Aabb::EMPTY, Aabb::union);
         Ok(Arc::new(Self { triangles, space: RaySpace::new(&bounds) }))
     }

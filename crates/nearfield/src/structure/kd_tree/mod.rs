@@ -7,7 +7,7 @@
 //! Source: Popov2007 for the ropes and the walk, Wald2006 for where nodes are cut; Accel for the cut in the middle. Differs:
 //! a triangle is in every leaf that it comes within the margin of, which makes the answers those of brute force to the bit
 //! (see `geometry/prepared_ray.rs`); the walk compares t at planes and nothing else (see `walk_ropes.rs`).
-//! Cost: 400 to 600 bytes a triangle (cut by cost) beside the 48 of the triangles; build O(n log n), a ray O(leaves that it passes).
+//! Cost: 300 to 600 bytes a triangle (cut by cost) beside the 48 of the triangles; build O(n log n), a ray O(leaves that it passes).
 //! When to use: all hits in order, rays that end early, meshes with much depth. The tree is built on the CPU; a mesh that
 //! changes is built anew.
 //!

@@ -20,7 +20,8 @@ pub enum KdBuild {
     /// in nodes with few triangles. Triangles are clipped to their nodes. Source: Wald2006 for the cost and the clipping.
     BinnedSah,
     /// Where the surface area heuristic expects the least work, of all planes that matter. Triangles are clipped to
-    /// their nodes ("perfect splits"). Source: Wald2006.
+    /// their nodes ("perfect splits"). A few cuts in a row may cost more than none, in the hope of a good one below.
+    /// Source: Wald2006.
     ExactSah,
 }
 

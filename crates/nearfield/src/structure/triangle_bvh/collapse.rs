@@ -1,17 +1,16 @@
 //! From the binary tree to nodes of eight children, at least expected cost. Source: Ylitie2017 §3.1.
 //!
 //! A box is entered by a ray with a probability that grows with its surface. The least cost of a binary subtree as at most
-//! i children of a wide node, for i from 1 to 7, follows from those of its halves; going down from the root along the best
-//! choices gives the wide tree.
+//! i children of a wide node, for i from 1 to 7, follows from those of its halves, as soon as these are built; going down from
+//! the root along the best choices gives the wide tree.
 
-use super::build::BinaryNode;
-use super::split::half_area;
+use bytemuck::Zeroable;
+
+use super::build::BinaryTree;
 use crate::geometry::Aabb;
 
 /// Children of a wide node.
 pub(super) const WIDTH: usize = 8;
-/// Subtrees of fewer triangles are planned by one thread.
-const PARALLEL: u32 = 1 << 12;
 
 /// What a leaf costs.
 #[derive(Debug, Clone, Copy)]
@@ -55,45 +54,99 @@ pub(super) struct WideTree {
     pub(super) depth: u32,
 }
 
-/// What is best for a binary subtree.
-#[derive(Clone, Copy)]
-struct Plan {
-    /// `[i - 1]`: least cost as at most i children.
-    costs: [f32; WIDTH - 1],
-    /// `[i - 1]`: of i children, those that the left half gets; 0 where fewer than i are better.
-    n_left: [u8; WIDTH],
-    is_leaf: bool,
+/// `[i - 1]`: the least cost of a binary subtree as at most i children of a wide node.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Costs([f32; WIDTH - 1]);
+
+impl Costs {
+    /// Of a single triangle in a box with this area.
+    #[inline(always)]
+    pub(super) fn of_triangle(cost: &LeafCost, area: f32) -> Self {
+        Self([area * (cost.entry + cost.triangle); WIDTH - 1])
+    }
 }
 
-impl Plan {
-    const NONE: Self = Self { costs: [f32::INFINITY; WIDTH - 1], n_left: [0; WIDTH], is_leaf: false };
+/// `[i - 1]`: of a binary subtree's i children of a wide node, those that the left half gets; 0 where fewer than i are as good.
+/// The first one says instead whether one child is best a leaf.
+#[derive(Debug, Clone, Copy, Zeroable)]
+#[repr(transparent)]
+pub(super) struct Shares([u8; WIDTH]);
+
+impl Shares {
+    fn is_leaf(&self) -> bool {
+        self.0[0] != 0
+    }
+}
+
+impl LeafCost {
+    /// What is best for a subtree whose box has this area, given the costs of its halves and their triangles.
+    #[inline(always)]
+    pub(super) fn share(
+        &self,
+        (left, n_left): (&Costs, usize),
+        (right, n_right): (&Costs, usize),
+        area: f32,
+    ) -> (Costs, Shares) {
+        let n = n_left + n_right;
+        // Sharing out i children between the halves, neither of which is more than its triangles.
+        let share = |i: usize| {
+            let mut least = (f32::INFINITY, 1);
+            for n_first in i.saturating_sub(n_right).max(1)..=(i - 1).min(n_left) {
+                let cost = left.0[n_first - 1] + right.0[i - n_first - 1];
+                if cost < least.0 {
+                    least = (cost, n_first as u8);
+                }
+            }
+            least
+        };
+        let mut shares = [0; WIDTH];
+        let (shared, most_left) = share(WIDTH.min(n));
+        shares[WIDTH - 1] = most_left;
+        let as_node = area + shared;
+        let as_leaf =
+            if n <= self.most as usize { area * (self.entry + self.triangle * n as f32) } else { f32::INFINITY };
+        shares[0] = u8::from(as_leaf <= as_node && n <= self.most as usize);
+        let mut costs = [as_leaf.min(as_node); WIDTH - 1];
+        for i in 2..WIDTH {
+            costs[i - 1] = costs[i - 2];
+            if i <= n {
+                let (shared, n_first) = share(i);
+                if shared < costs[i - 2] {
+                    (costs[i - 1], shares[i - 1]) = (shared, n_first);
+                }
+            }
+        }
+        (Costs(costs), Shares(shares))
+    }
 }
 
 /// Collapses a binary tree.
-pub(super) fn collapse(binary: &[BinaryNode], cost: &LeafCost) -> WideTree {
-    let mut plans = vec![Plan::NONE; binary.len()];
-    let unit = 1.0 / half_area((binary[0].bounds.max - binary[0].bounds.min).into());
-    plan(binary, &mut plans, cost, unit);
+pub(super) fn collapse(binary: &BinaryTree) -> WideTree {
     let mut nodes = vec![WideNode::NONE];
     let mut depth = 1;
-    // Of each node to be made: its place, its binary node, the first triangle below, the nodes above and itself.
-    let mut pending = vec![(0, 0, 0, 1)];
-    while let Some((place, root, first, level)) = pending.pop() {
+    // Of each node to be made: its place, its binary subtree, the nodes above and itself.
+    let mut pending = vec![(0, Root { node: 0, first: 0, n: binary.primitives.len() as u32 }, 1)];
+    while let Some((place, root, level)) = pending.pop() {
         depth = depth.max(level);
         let mut roots = Roots::default();
-        if binary[root].n_left == 0 {
-            roots.push(root, first);
+        if root.n == 1 {
+            roots.push(root);
         } else {
-            roots.share(binary, &plans, (root, first), WIDTH);
+            roots.share(binary, root, WIDTH);
         }
         let mut node = WideNode::NONE;
         node.n = roots.n;
-        for (child, &(root, first)) in node.children.iter_mut().zip(roots.as_slice()) {
-            let below = &binary[root];
-            *child = WideChild { bounds: below.bounds, first: first as u32, n_triangles: below.n };
-            if !plans[root].is_leaf {
+        for (child, &root) in node.children.iter_mut().zip(roots.as_slice()) {
+            let (bounds, is_leaf) = if root.n == 1 {
+                (binary.primitives[root.first as usize].bounds(), true)
+            } else {
+                let below = &binary.nodes[root.node as usize];
+                (below.bounds, below.shares.is_leaf())
+            };
+            *child = WideChild { bounds, first: root.first, n_triangles: root.n };
+            if !is_leaf {
                 (child.first, child.n_triangles) = (nodes.len() as u32, 0);
-                pending.push((nodes.len(), root, first, level + 1));
+                pending.push((nodes.len(), root, level + 1));
                 nodes.push(WideNode::NONE);
             }
         }
@@ -102,82 +155,51 @@ pub(super) fn collapse(binary: &[BinaryNode], cost: &LeafCost) -> WideTree {
     WideTree { nodes, depth }
 }
 
-fn plan(binary: &[BinaryNode], plans: &mut [Plan], cost: &LeafCost, unit: f64) {
-    let node = &binary[0];
-    let area = (half_area((node.bounds.max - node.bounds.min).into()) * unit) as f32;
-    let as_leaf = if node.n <= cost.most { area * (cost.entry + cost.triangle * node.n as f32) } else { f32::INFINITY };
-    let (best, below) = plans.split_first_mut().expect("there should be a plan for every subtree");
-    if node.n_left == 0 {
-        *best = Plan { costs: [as_leaf; WIDTH - 1], n_left: [0; WIDTH], is_leaf: true };
-        return;
-    }
-    let left_nodes = BinaryNode::count(node.n_left as usize);
-    let (left, right) = below.split_at_mut(left_nodes);
-    let (binary_left, binary_right) = binary[1..].split_at(left_nodes);
-    if node.n > PARALLEL {
-        rayon::join(|| plan(binary_left, left, cost, unit), || plan(binary_right, right, cost, unit));
-    } else {
-        plan(binary_left, left, cost, unit);
-        plan(binary_right, right, cost, unit);
-    }
-    let (left, right) = (&left[0].costs, &right[0].costs);
-    // Sharing out j children between the halves.
-    let share = |j: usize| {
-        let mut least = (f32::INFINITY, 1);
-        for n_left in 1..j {
-            let cost = left[n_left - 1] + right[j - n_left - 1];
-            if cost < least.0 {
-                least = (cost, n_left as u8);
-            }
-        }
-        least
-    };
-    let (shared, n_left) = share(WIDTH);
-    best.n_left[WIDTH - 1] = n_left;
-    let as_node = area + shared;
-    best.is_leaf = as_leaf <= as_node && node.n <= cost.most;
-    best.costs[0] = if best.is_leaf { as_leaf } else { as_node };
-    for i in 2..WIDTH {
-        let (shared, n_left) = share(i);
-        let is_better = shared < best.costs[i - 2];
-        best.costs[i - 1] = if is_better { shared } else { best.costs[i - 2] };
-        best.n_left[i - 1] = if is_better { n_left } else { 0 };
-    }
+/// A binary subtree.
+#[derive(Default, Clone, Copy)]
+struct Root {
+    /// Its node, where it has more than one triangle.
+    node: u32,
+    /// The first triangle below, in the order of the leaves.
+    first: u32,
+    n: u32,
 }
 
-/// The binary nodes that become children of a wide node, with the first triangle of each.
+/// The binary subtrees that become children of a wide node.
 #[derive(Default)]
 struct Roots {
-    roots: [(usize, usize); WIDTH],
+    roots: [Root; WIDTH],
     n: usize,
 }
 
 impl Roots {
-    fn push(&mut self, root: usize, first: usize) {
-        self.roots[self.n] = (root, first);
+    fn push(&mut self, root: Root) {
+        self.roots[self.n] = root;
         self.n += 1;
     }
 
-    fn as_slice(&self) -> &[(usize, usize)] {
+    fn as_slice(&self) -> &[Root] {
         &self.roots[..self.n]
     }
 
     /// Adds a subtree as at most `most` children.
-    fn add(&mut self, binary: &[BinaryNode], plans: &[Plan], root: (usize, usize), most: usize) {
-        let n_left = &plans[root.0].n_left;
-        let most = (2..=most).rev().find(|&i| n_left[i - 1] > 0);
-        match most {
-            Some(most) if binary[root.0].n_left > 0 => self.share(binary, plans, root, most),
-            _ => self.push(root.0, root.1),
+    fn add(&mut self, binary: &BinaryTree, root: Root, most: usize) {
+        if root.n > 1 {
+            let shares = &binary.nodes[root.node as usize].shares;
+            if let Some(most) = (2..=most).rev().find(|&i| shares.0[i - 1] > 0) {
+                return self.share(binary, root, most);
+            }
         }
+        self.push(root);
     }
 
     /// Shares out `most` children between the halves of a subtree.
-    fn share(&mut self, binary: &[BinaryNode], plans: &[Plan], (root, first): (usize, usize), most: usize) {
-        let n_left = binary[root].n_left as usize;
-        let for_left = usize::from(plans[root].n_left[most - 1]);
-        self.add(binary, plans, (root + 1, first), for_left);
-        let right = root + 1 + BinaryNode::count(n_left);
-        self.add(binary, plans, (right, first + n_left), most - for_left);
+    fn share(&mut self, binary: &BinaryTree, root: Root, most: usize) {
+        let node = &binary.nodes[root.node as usize];
+        let for_left = usize::from(node.shares.0[most - 1]);
+        let left = Root { node: root.node + 1, first: root.first, n: node.n_left };
+        let right = Root { node: root.node + node.n_left, first: root.first + node.n_left, n: root.n - node.n_left };
+        self.add(binary, left, for_left);
+        self.add(binary, right, most - for_left);
     }
 }

@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use super::collapse::{WIDTH, WideChild, WideNode, WideTree};
 use crate::geometry::{Aabb, PreparedTriangle, RaySpace};
@@ -93,6 +94,7 @@ pub(super) fn compress(wide: Option<(Vec<u32>, WideTree)>, prepared: &PreparedTr
     let mut compressed = Compressed { nodes: vec![CompressedNode::zeroed()], triangles: vec![] };
     let Some((order, wide)) = wide else { return compressed };
     let slack = SLACK * f64::from(prepared.space().reach);
+    let slots: Vec<[Option<usize>; WIDTH]> = wide.nodes.par_iter().with_min_len(1 << 8).map(in_slots).collect();
     // Places in the wide tree and in the result.
     let mut pending = vec![(0, 0)];
     while let Some((from, to)) = pending.pop() {
@@ -100,7 +102,7 @@ pub(super) fn compress(wide: Option<(Vec<u32>, WideTree)>, prepared: &PreparedTr
         let mut made = boxes(node, slack);
         made.first_node = compressed.nodes.len() as u32;
         made.first_triangle = compressed.triangles.len() as u32;
-        for (slot, child) in in_slots(node).iter().enumerate() {
+        for (slot, child) in slots[from].iter().enumerate() {
             let Some(child) = child.map(|i| &node.children[i]) else { continue };
             set_bounds(&mut made, slot, child, slack);
             if child.n_triangles == 0 {
@@ -167,17 +169,18 @@ fn set_bounds(made: &mut CompressedNode, slot: usize, child: &WideChild, slack: 
 fn in_slots(node: &WideNode) -> [Option<usize>; WIDTH] {
     let mut slots = [None; WIDTH];
     let all = node.children().iter().fold(Aabb::EMPTY, |all, child| all.union(child.bounds));
-    let mut pairs: Vec<(f32, usize, usize)> = vec![];
+    let mut pairs = [(0.0, 0, 0); WIDTH * WIDTH];
     for (i, child) in node.children().iter().enumerate() {
         let from_center = child.bounds.center() - all.center();
         for slot in 0..WIDTH {
             let sign = |bit: usize| if slot & bit == 0 { 1.0 } else { -1.0 };
-            pairs.push((from_center.dot(Vec3::new(sign(4), sign(2), sign(1))), i, slot));
+            pairs[WIDTH * i + slot] = (from_center.dot(Vec3::new(sign(4), sign(2), sign(1))), i, slot);
         }
     }
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let pairs = &mut pairs[..WIDTH * node.n];
+    pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut is_placed = [false; WIDTH];
-    for (_, i, slot) in pairs {
+    for &mut (_, i, slot) in pairs {
         if !is_placed[i] && slots[slot].is_none() {
             (slots[slot], is_placed[i]) = (Some(i), true);
         }

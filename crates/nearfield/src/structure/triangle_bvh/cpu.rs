@@ -3,9 +3,11 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::build::{BinaryNode, binary_tree, primitives};
+use rayon::prelude::*;
+
+use super::build::{PARALLEL, Primitive, binary_tree, primitives};
 use super::collapse::{LeafCost, WideTree, collapse};
-use super::layout::{Block, Node};
+use super::layout::{Block, Node, lay_out};
 use super::walk::{LARGE_STACK, SHALLOW, SMALL_STACK};
 use super::walk_simd::walk_best;
 use super::{BvhSettings, MOST_LEVELS};
@@ -31,25 +33,29 @@ pub struct TriangleBvh {
 }
 
 /// The triangles in the order of the leaves, and the wide tree over them; `None` where no triangle has an area.
+///
+/// # Errors
+/// `OutOfMemory`.
 pub(super) fn wide_tree(
     triangles: &PreparedTriangles,
     settings: &BvhSettings,
     cost: &LeafCost,
     stages: &mut Vec<BuildStage>,
-) -> Option<(Vec<u32>, WideTree)> {
+) -> Result<Option<(Vec<u32>, WideTree)>> {
     let start = Instant::now();
-    let mut order = primitives(triangles);
-    if order.is_empty() {
-        return None;
+    let primitives = primitives(triangles)?;
+    if primitives.is_empty() {
+        return Ok(None);
     }
-    let binary: Vec<BinaryNode> = binary_tree(&mut order, settings);
+    let reach = triangles.space().widened_bounds().extent().max_element();
+    let binary = binary_tree(primitives, reach, settings, cost)?;
     stages.push(BuildStage::on_host("split", start));
     let start = Instant::now();
-    let wide = collapse(&binary, cost);
+    let wide = collapse(&binary);
     assert!(wide.depth <= MOST_LEVELS, "a tree should have at most {MOST_LEVELS} levels, not {}", wide.depth);
-    let order = order.iter().map(|primitive| primitive.index()).collect();
+    let order = binary.primitives.par_iter().with_min_len(PARALLEL).map(Primitive::index).collect();
     stages.push(BuildStage::on_host("collapse", start));
-    Some((order, wide))
+    Ok(Some((order, wide)))
 }
 
 /// Checks that there are not more triangles than children can be named.
@@ -73,7 +79,7 @@ impl TriangleBvh {
     /// Prepares the triangles and builds the hierarchy.
     ///
     /// # Errors
-    /// `InvalidSetting`; `TooMany` (2³¹ triangles or more), and as [`PreparedTriangles::new`].
+    /// `InvalidSetting`; `TooMany` (2³¹ triangles or more); `OutOfMemory`, and as [`PreparedTriangles::new`].
     pub fn build(mesh: &TriMesh, settings: &BvhSettings) -> Result<Self> {
         settings.validate()?;
         let start = Instant::now();
@@ -87,18 +93,17 @@ impl TriangleBvh {
     /// Over triangles that were prepared before.
     ///
     /// # Errors
-    /// `InvalidSetting`; `TooMany` (2³¹ triangles or more).
+    /// `InvalidSetting`; `TooMany` (2³¹ triangles or more); `OutOfMemory`.
     pub fn of(triangles: Arc<PreparedTriangles>, settings: &BvhSettings) -> Result<Self> {
         settings.validate()?;
         check_number(&triangles)?;
         let mut stages = vec![];
         let cost = LeafCost { most: settings.leaf_triangles, entry: settings.leaf_cost, triangle: 0.0 };
         let (mut nodes, mut blocks, mut depth) = (vec![], vec![], 0);
-        if let Some((order, wide)) = wide_tree(&triangles, settings, &cost, &mut stages) {
+        if let Some((order, wide)) = wide_tree(&triangles, settings, &cost, &mut stages)? {
             let start = Instant::now();
             let triangle = |place: u32| triangles.as_slice()[order[place as usize] as usize];
-            nodes = wide.nodes.iter().map(|node| Node::new(node, &mut blocks, triangle)).collect();
-            blocks.shrink_to_fit();
+            (nodes, blocks) = lay_out(&wide, triangle)?;
             depth = wide.depth;
             stages.push(BuildStage::on_host("lay out", start));
         }

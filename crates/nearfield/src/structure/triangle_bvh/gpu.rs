@@ -60,7 +60,7 @@ impl GpuTriangleBvh {
         check_number(&triangles)?;
         let mut stages = vec![];
         let cost = LeafCost { most: settings.leaf_triangles.min(LEAF), entry: 0.0, triangle: TRIANGLE_COST };
-        let wide = wide_tree(&triangles, settings, &cost, &mut stages);
+        let wide = wide_tree(&triangles, settings, &cost, &mut stages)?;
         let depth = wide.as_ref().map_or(0, |(_, wide)| wide.depth);
         let start = Instant::now();
         let compressed = compress(wide, &triangles);

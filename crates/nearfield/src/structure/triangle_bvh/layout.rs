@@ -1,13 +1,51 @@
 //! Nodes and leaves as the CPU searches them: eight boxes, eight triangles, coordinate by coordinate.
 
+use bytemuck::Zeroable;
 use glam::Vec3;
+use rayon::prelude::*;
 
-use super::collapse::{WIDTH, WideNode};
+use super::collapse::{WIDTH, WideNode, WideTree};
 use super::settings::BLOCK;
+use crate::Result;
 use crate::geometry::{Aabb, PreparedTriangle};
+use crate::host_memory::zeroed;
+
+/// Nodes that a thread lays out at once.
+const CHUNK: usize = 1 << 8;
+
+/// The nodes of the wide tree, and the blocks of its leaves in the order of the nodes.
+///
+/// # Errors
+/// `OutOfMemory`.
+pub(super) fn lay_out(
+    wide: &WideTree,
+    triangle: impl Fn(u32) -> PreparedTriangle + Sync,
+) -> Result<(Vec<Node>, Vec<Block>)> {
+    let n_leaves = |node: &WideNode| node.children().iter().filter(|child| child.n_triangles > 0).count();
+    let mut nodes: Vec<Node> = zeroed("nodes of a BVH", wide.nodes.len())?;
+    let mut blocks: Vec<Block> = zeroed("leaves of a BVH", wide.nodes.iter().map(n_leaves).sum())?;
+    // Each chunk with its blocks, and the number of the first one.
+    let mut parts = Vec::with_capacity(nodes.len().div_ceil(CHUNK));
+    let (mut behind, mut first) = (blocks.as_mut_slice(), 0);
+    for (from, to) in wide.nodes.chunks(CHUNK).zip(nodes.chunks_mut(CHUNK)) {
+        let (own, others) = behind.split_at_mut(from.iter().map(n_leaves).sum());
+        behind = others;
+        let n_own = own.len();
+        parts.push((from, to, first, own));
+        first += n_own;
+    }
+    parts.into_par_iter().for_each(|(from, to, mut first, mut blocks)| {
+        for (wide, node) in from.iter().zip(to) {
+            let (own, others) = blocks.split_at_mut(n_leaves(wide));
+            *node = Node::new(wide, own, first, &triangle);
+            (first, blocks) = (first + own.len(), others);
+        }
+    });
+    Ok((nodes, blocks))
+}
 
 /// What a child of a node is, in 32 bits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Zeroable)]
 #[repr(transparent)]
 pub(super) struct Child(u32);
 
@@ -39,7 +77,7 @@ impl Child {
 }
 
 /// Eight boxes and what is in them.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Zeroable)]
 #[repr(C, align(64))]
 pub(super) struct Node {
     /// Smallest x, y, z, largest x, y, z. A box without a child is from +∞ to −∞.
@@ -56,16 +94,18 @@ impl Node {
         children: [Child::NONE; WIDTH],
     };
 
-    /// A node of the wide tree; the blocks of its leaves go behind the others.
-    pub(super) fn new(wide: &WideNode, blocks: &mut Vec<Block>, triangle: impl Fn(u32) -> PreparedTriangle) -> Self {
+    /// A node of the wide tree, the first block of whose leaves, which go into `blocks`, is number `first`.
+    fn new(wide: &WideNode, blocks: &mut [Block], first: usize, triangle: impl Fn(u32) -> PreparedTriangle) -> Self {
         let mut node = Self::EMPTY;
+        let mut n_leaves = 0;
         for (slot, child) in wide.children().iter().enumerate() {
             node.set_bounds(slot, &child.bounds);
             node.children[slot] = if child.n_triangles == 0 {
                 Child::node(child.first as usize)
             } else {
-                blocks.push(Block::new((child.first..child.first + child.n_triangles).map(&triangle)));
-                Child::leaf(blocks.len() - 1)
+                blocks[n_leaves] = Block::new((child.first..child.first + child.n_triangles).map(&triangle));
+                n_leaves += 1;
+                Child::leaf(first + n_leaves - 1)
             };
         }
         node
@@ -95,7 +135,7 @@ impl Node {
 }
 
 /// The triangles of a leaf.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Zeroable)]
 #[repr(C, align(64))]
 pub(super) struct Block {
     /// x, y, z of the low, the middle and the high corner, as in [`PreparedTriangle`].

@@ -32,6 +32,7 @@ mod nearest;
 mod refit;
 mod settings;
 mod split;
+mod sweep;
 #[cfg(test)]
 mod tests;
 mod validate;

@@ -1,202 +1,219 @@
-//! Where to split a node of the binary tree: the place of least surface area times triangles, by bins or exactly.
+//! Where to split a node of many triangles: the border between bins of least surface area times triangles.
 
-use glam::Vec3A;
-use rayon::prelude::*;
+use glam::{Vec3A, Vec4};
 
 use super::BvhSettings;
-use super::build::Primitive;
+use super::build::{Builder, CenterBounds, Primitive};
 use super::settings::MOST_BINS;
 
-/// Nodes of more triangles are put into bins by several threads, this many triangles each.
-const CHUNK: usize = 1 << 15;
 /// Bins beyond a share of the triangles tell nothing.
 const TRIANGLES_PER_BIN: usize = 2;
-
-/// Where a node is split.
-pub(super) enum Split {
-    /// The primitives were sorted: the first ones go left.
-    Sorted { n_left: usize },
-    /// By the bins of their centres.
-    Bins(BinPlane),
-    /// All centres are in one place.
-    None,
-}
+/// 2²³: an f32 plus this has the nearest integer in its lowest bits.
+const INTEGERS: f32 = 8_388_608.0;
 
 /// A border between bins of one axis.
-pub(super) struct BinPlane {
-    bins: Bins,
+#[derive(Clone, Copy)]
+pub(super) struct Border {
     axis: usize,
     /// Bins on the left.
     n_left: u32,
 }
 
-impl BinPlane {
-    pub(super) fn is_left(&self, primitive: &Primitive) -> bool {
-        self.bins.of(primitive)[self.axis] < self.n_left
-    }
-}
-
 /// How centres go into bins.
 #[derive(Clone, Copy)]
-struct Bins {
+pub(super) struct Bins {
     low: Vec3A,
     /// Bins a unit of length; 0 along an axis without an extent.
     scale: Vec3A,
-    n: u32,
+    last: Vec3A,
+    n: usize,
+}
+
+impl CenterBounds {
+    /// The bins for so many primitives; `None` where all centres are in one place.
+    pub(super) fn bins(&self, n: usize, settings: &BvhSettings) -> Option<Bins> {
+        let extent = self.high - self.low;
+        if extent.max_element() <= 0.0 {
+            return None;
+        }
+        let n_bins = (settings.bins as usize).min((n / TRIANGLES_PER_BIN).max(2)).min(MOST_BINS);
+        let inverse = |e: f32| if e > 0.0 { (n_bins as f32 / e).min(f32::MAX) } else { 0.0 };
+        let scale = Vec3A::from_array(extent.to_array().map(inverse));
+        Some(Bins { low: self.low, scale, last: Vec3A::splat(n_bins as f32 - 1.0), n: n_bins })
+    }
 }
 
 impl Bins {
-    fn of(&self, primitive: &Primitive) -> [u32; 3] {
-        let place = (primitive.center() - self.low) * self.scale;
-        place.to_array().map(|p| (p as u32).min(self.n - 1))
+    #[inline(always)]
+    fn of(&self, primitive: &Primitive) -> [usize; 3] {
+        let place = (primitive.center() - self.low) * self.scale - 0.5;
+        let rounded = place.max(Vec3A::ZERO).min(self.last) + INTEGERS;
+        rounded.to_array().map(|place| place.to_bits() as usize % MOST_BINS)
     }
 }
 
-/// A box and how many triangles are in it.
+/// A border of bins.
+pub(super) struct BinPlane {
+    pub(super) bins: Bins,
+    pub(super) border: Border,
+}
+
+impl BinPlane {
+    /// Whether the bin of the primitive is on the left: the arithmetic of [`Bins::of`] along one axis.
+    #[inline(always)]
+    pub(super) fn is_left(&self, primitive: &Primitive) -> bool {
+        let axis = self.border.axis;
+        let center = primitive.low[axis] + primitive.high[axis];
+        let place = (center - self.bins.low[axis]) * self.bins.scale[axis] - 0.5;
+        place + INTEGERS < self.border.n_left as f32 + INTEGERS
+    }
+}
+
+/// A box whose fourth coordinates mean nothing.
 #[derive(Clone, Copy)]
-struct Filled {
-    min: Vec3A,
-    max: Vec3A,
-    n: u32,
+struct Bounds {
+    low: Vec4,
+    high: Vec4,
+}
+
+impl Bounds {
+    const EMPTY: Self = Self { low: Vec4::INFINITY, high: Vec4::NEG_INFINITY };
+
+    #[inline(always)]
+    fn join(&mut self, low: Vec4, high: Vec4) {
+        (self.low, self.high) = (self.low.min(low), self.high.max(high));
+    }
+
+    #[inline(always)]
+    fn extent(&self) -> Vec3A {
+        Vec3A::from_vec4(self.high) - Vec3A::from_vec4(self.low)
+    }
+}
+
+/// Boxes and numbers of the primitives in each bin, axis by axis.
+pub(super) struct Filled {
+    bounds: [[Bounds; 3]; MOST_BINS],
+    counts: [[u32; 3]; MOST_BINS],
 }
 
 impl Filled {
-    const EMPTY: Self = Self { min: Vec3A::INFINITY, max: Vec3A::NEG_INFINITY, n: 0 };
-
-    fn add(&mut self, primitive: &Primitive) {
-        self.join(&Self { min: primitive.min(), max: primitive.max(), n: 1 });
-    }
-
-    fn join(&mut self, other: &Self) {
-        (self.min, self.max, self.n) = (self.min.min(other.min), self.max.max(other.max), self.n + other.n);
-    }
-
-    /// Half the surface times the triangles. In f64: squares of f32 coordinates can leave the range of an f32.
-    fn cost(&self) -> f64 {
-        if self.n == 0 { 0.0 } else { half_area(self.max - self.min) * f64::from(self.n) }
+    /// Primitives on the left of a border.
+    pub(super) fn n_left(&self, border: &Border) -> usize {
+        self.counts[..border.n_left as usize].iter().map(|counts| counts[border.axis] as usize).sum()
     }
 }
 
-/// Half the surface of a box.
-pub(super) fn half_area(extent: Vec3A) -> f64 {
-    let [x, y, z] = extent.to_array().map(f64::from);
-    x * y + y * z + z * x
+/// Puts primitives into bins.
+#[inline(always)]
+pub(super) fn fill(primitives: &[Primitive], bins: &Bins) -> Filled {
+    let mut filled = Filled { bounds: [[Bounds::EMPTY; 3]; MOST_BINS], counts: [[0; 3]; MOST_BINS] };
+    for primitive in primitives {
+        for (axis, bin) in bins.of(primitive).into_iter().enumerate() {
+            filled.bounds[bin][axis].join(primitive.low, primitive.high);
+            filled.counts[bin][axis] += 1;
+        }
+    }
+    filled
 }
 
-/// The best place to split at least two primitives.
-pub(super) fn best_split(primitives: &mut [Primitive], settings: &BvhSettings) -> Split {
-    let n = primitives.len();
-    if n == 2 {
-        return Split::Sorted { n_left: 1 };
+/// The best border for the primitives; `None` where none has triangles on both sides.
+pub(super) fn best_split(primitives: &[Primitive], bins: &Bins, builder: &Builder<'_>) -> Option<Border> {
+    best_border(&fill(primitives, bins), bins, builder)
+}
+
+/// The best border for primitives in several parts.
+pub(super) fn best_split_of(parts: &[Filled], bins: &Bins, builder: &Builder<'_>) -> Option<Border> {
+    let mut all = Filled { bounds: [[Bounds::EMPTY; 3]; MOST_BINS], counts: [[0; 3]; MOST_BINS] };
+    for part in parts {
+        for bin in 0..bins.n {
+            for axis in 0..3 {
+                let Bounds { low, high } = part.bounds[bin][axis];
+                all.bounds[bin][axis].join(low, high);
+                all.counts[bin][axis] += part.counts[bin][axis];
+            }
+        }
     }
-    if n <= settings.sweep_below as usize {
-        return sweep(primitives);
+    best_border(&all, bins, builder)
+}
+
+fn best_border(filled: &Filled, bins: &Bins, builder: &Builder<'_>) -> Option<Border> {
+    // Of each axis: what is on the right of each border costs.
+    let mut right_costs = [[0.0; 3]; MOST_BINS];
+    let (mut right, mut n_right) = ([Bounds::EMPTY; 3], [0; 3]);
+    for bin in (1..bins.n).rev() {
+        for axis in 0..3 {
+            let Bounds { low, high } = filled.bounds[bin][axis];
+            right[axis].join(low, high);
+            n_right[axis] += filled.counts[bin][axis];
+            right_costs[bin][axis] = cost(&right[axis], n_right[axis], builder);
+        }
     }
-    let (low, high) = center_bounds(primitives);
-    let extent = high - low;
-    let n_bins = (settings.bins as usize).min((n / TRIANGLES_PER_BIN).max(2)) as u32;
-    let inverse = |e: f32| if e > 0.0 { (n_bins as f32 / e).min(f32::MAX) } else { 0.0 };
-    let bins = Bins { low, scale: Vec3A::from_array(extent.to_array().map(inverse)), n: n_bins };
-    if extent.max_element() <= 0.0 {
-        return Split::None;
-    }
-    let filled = fill(primitives, &bins);
-    let mut best = (f64::INFINITY, 0, 0);
-    for (axis, row) in filled.iter().enumerate() {
-        if extent[axis] > 0.0 {
-            let (cost, n_left) = best_border(&row[..n_bins as usize]);
+    let (mut left, mut n_left) = ([Bounds::EMPTY; 3], [0; 3]);
+    let mut best = (f32::INFINITY, None);
+    for (bin, right_costs) in right_costs.iter().enumerate().take(bins.n).skip(1) {
+        for axis in 0..3 {
+            let Bounds { low, high } = filled.bounds[bin - 1][axis];
+            left[axis].join(low, high);
+            n_left[axis] += filled.counts[bin - 1][axis];
+            let cost = cost(&left[axis], n_left[axis], builder) + right_costs[axis];
             if cost < best.0 {
-                best = (cost, axis, n_left);
+                best = (cost, Some(Border { axis, n_left: bin as u32 }));
             }
         }
     }
-    // Where no border has triangles on both sides, or one side's centres are all in one bin, sorting finds a place.
-    if best.0 == f64::INFINITY {
-        return sweep(primitives);
-    }
-    Split::Bins(BinPlane { bins, axis: best.1, n_left: best.2 })
+    best.1
 }
 
-fn center_bounds(primitives: &[Primitive]) -> (Vec3A, Vec3A) {
-    let none = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
-    let grow = |(low, high): (Vec3A, Vec3A), p: &Primitive| (low.min(p.center()), high.max(p.center()));
-    if primitives.len() <= CHUNK {
-        return primitives.iter().fold(none, grow);
-    }
-    let chunks = primitives.par_chunks(CHUNK).map(|chunk| chunk.iter().fold(none, grow));
-    chunks.reduce(|| none, |a, b| (a.0.min(b.0), a.1.max(b.1)))
+/// Half the surface times the triangles; infinite for none, so that no border has all on one side.
+#[inline(always)]
+fn cost(bounds: &Bounds, n: u32, builder: &Builder<'_>) -> f32 {
+    if n == 0 { f32::INFINITY } else { builder.half_area(bounds.extent()) * n as f32 }
 }
 
-type Rows = [[Filled; MOST_BINS]; 3];
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::structure::triangle_bvh::build::boxes;
+    use crate::structure::triangle_bvh::collapse::LeafCost;
 
-fn fill(primitives: &[Primitive], bins: &Bins) -> Rows {
-    let fill_chunk = |chunk: &[Primitive]| {
-        let mut rows: Rows = [[Filled::EMPTY; MOST_BINS]; 3];
-        for primitive in chunk {
-            for (row, bin) in rows.iter_mut().zip(bins.of(primitive)) {
-                row[bin as usize].add(primitive);
+    #[test]
+    fn sides_agree_with_bins() {
+        let mut primitives = boxes(1000, 1);
+        let mut last = primitives.len();
+        // Down to centres that are as near to each other as numbers are.
+        while last > 4 {
+            primitives.truncate(last);
+            for n_bins in [2, 7, 32, 64] {
+                let settings = BvhSettings { bins: n_bins, ..BvhSettings::DEFAULT };
+                let bins = CenterBounds::of(&primitives).bins(last, &settings).unwrap();
+                let filled = fill(&primitives, &bins);
+                assert_eq!(filled.counts.iter().map(|counts| counts[0] as usize).sum::<usize>(), last);
+                for axis in 0..3 {
+                    for n_left in 1..bins.n as u32 {
+                        let border = Border { axis, n_left };
+                        let plane = BinPlane { bins, border };
+                        let found = primitives.iter().filter(|p| plane.is_left(p)).count();
+                        assert_eq!(found, filled.n_left(&border), "{n_bins} bins, axis {axis}, border {n_left}");
+                    }
+                }
             }
+            primitives.sort_by(|a, b| a.center().x.total_cmp(&b.center().x));
+            last = last * 2 / 3;
         }
-        rows
-    };
-    if primitives.len() <= CHUNK {
-        return fill_chunk(primitives);
     }
-    let join = |mut a: Rows, b: Rows| {
-        a.as_flattened_mut().iter_mut().zip(b.as_flattened()).for_each(|(a, b)| a.join(b));
-        a
-    };
-    primitives.par_chunks(CHUNK).map(fill_chunk).reduce(|| [[Filled::EMPTY; MOST_BINS]; 3], join)
-}
 
-/// Cost of the best border, and the bins on its left; infinite where no border has triangles on both sides.
-fn best_border(bins: &[Filled]) -> (f64, u32) {
-    let mut right_costs = [(0.0, 0); MOST_BINS];
-    let mut right = Filled::EMPTY;
-    for (bin, filled) in bins.iter().enumerate().skip(1).rev() {
-        right.join(filled);
-        right_costs[bin] = (right.cost(), right.n);
+    #[test]
+    fn parts_of_many_are_split_as_the_whole() {
+        let primitives = boxes(5000, 2);
+        let settings = BvhSettings::DEFAULT;
+        let cost = LeafCost { most: 8, entry: 1.0, triangle: 0.0 };
+        let builder = Builder { settings: &settings, cost: &cost, unit: 1.0 };
+        let bins = CenterBounds::of(&primitives).bins(primitives.len(), &settings).unwrap();
+        let whole = best_split(&primitives, &bins, &builder).unwrap();
+        let parts: Vec<Filled> = primitives.chunks(700).map(|part| fill(part, &bins)).collect();
+        let found = best_split_of(&parts, &bins, &builder).unwrap();
+        assert_eq!((found.axis, found.n_left), (whole.axis, whole.n_left));
+        let n_left: usize = parts.iter().map(|part| part.n_left(&found)).sum();
+        assert!(n_left > 0 && n_left < primitives.len());
     }
-    let mut left = Filled::EMPTY;
-    let mut best = (f64::INFINITY, 0);
-    for (bin, filled) in bins.iter().enumerate().take(bins.len() - 1) {
-        left.join(filled);
-        let (right_cost, n_right) = right_costs[bin + 1];
-        if left.n > 0 && n_right > 0 && left.cost() + right_cost < best.0 {
-            best = (left.cost() + right_cost, bin as u32 + 1);
-        }
-    }
-    best
-}
-
-/// The best place between any two primitives, which are sorted along the axis chosen.
-fn sweep(primitives: &mut [Primitive]) -> Split {
-    let mut best = (f64::INFINITY, 0, 0);
-    let mut right_costs = vec![0.0; primitives.len()];
-    for axis in 0..3 {
-        sort(primitives, axis);
-        let mut right = Filled::EMPTY;
-        for (place, primitive) in primitives.iter().enumerate().skip(1).rev() {
-            right.add(primitive);
-            right_costs[place] = right.cost();
-        }
-        let mut left = Filled::EMPTY;
-        for (place, primitive) in primitives.iter().enumerate().take(primitives.len() - 1) {
-            left.add(primitive);
-            let cost = left.cost() + right_costs[place + 1];
-            if cost < best.0 {
-                best = (cost, axis, place + 1);
-            }
-        }
-    }
-    let (_, axis, n_left) = best;
-    if axis != 2 {
-        sort(primitives, axis);
-    }
-    Split::Sorted { n_left }
-}
-
-/// By centre, then by index, so that the order does not depend on what it was.
-fn sort(primitives: &mut [Primitive], axis: usize) {
-    primitives.sort_unstable_by(|a, b| a.center()[axis].total_cmp(&b.center()[axis]).then(a.index().cmp(&b.index())));
 }

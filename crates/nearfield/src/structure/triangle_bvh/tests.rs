@@ -200,6 +200,34 @@ fn settings_change_the_tree_and_no_answer() {
 }
 
 #[test]
+fn the_number_of_threads_changes_nothing() {
+    // More triangles than one thread splits alone, some of them without an area.
+    let mut mesh = generate::mesh(MeshKind::Soup, 150_000, SEED);
+    for i in 0..100 {
+        mesh.vertices[300 * i] = mesh.vertices[300 * i + 1];
+    }
+    let built = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| TriangleBvh::build(&mesh, &BvhSettings::fast_build()).unwrap())
+    };
+    let one = built(1);
+    assert_eq!(one.broken_invariant(), None);
+    for threads in [2, 5] {
+        let other = built(threads);
+        assert_eq!(
+            (one.nodes.len(), one.blocks.len(), one.depth),
+            (other.nodes.len(), other.blocks.len(), other.depth)
+        );
+        for (a, b) in one.nodes.iter().zip(&other.nodes) {
+            assert_eq!((a.children, a.planes), (b.children, b.planes), "{threads} threads");
+        }
+        for (a, b) in one.blocks.iter().zip(&other.blocks) {
+            assert_eq!((a.indices, a.lanes), (b.indices, b.lanes), "{threads} threads");
+        }
+    }
+}
+
+#[test]
 fn refitted_trees_answer_as_brute_force_on_the_moved_mesh() {
     for (name, mesh) in cases() {
         let mut bvh = TriangleBvh::build(&mesh, &BvhSettings::default()).unwrap();
@@ -283,7 +311,7 @@ fn compressed_boxes_hold_what_is_below_them() {
     for (name, mesh) in cases() {
         let triangles = crate::structure::PreparedTriangles::new(&mesh).unwrap();
         let cost = LeafCost { most: compress::LEAF, entry: 0.0, triangle: 0.3 };
-        let wide = cpu::wide_tree(&triangles, &BvhSettings::DEFAULT, &cost, &mut vec![]);
+        let wide = cpu::wide_tree(&triangles, &BvhSettings::DEFAULT, &cost, &mut vec![]).unwrap();
         let mut compressed = compress::compress(wide, &triangles);
         assert_eq!(compressed.broken_invariant(&triangles), None, "{name}");
         if compressed.triangles.len() > 100 {
