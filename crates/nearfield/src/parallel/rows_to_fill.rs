@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use bytemuck::Zeroable;
 
-use crate::{Result, host_memory};
+use crate::{Error, Result, host_memory};
 
 /// An array of zeros whose rows are taken by their number, each once, and filled by any thread.
 ///
@@ -34,7 +34,14 @@ impl<'a, T: Zeroable> RowsToFill<'a, T> {
     /// If the offsets descend.
     pub(crate) fn new(what: &'static str, offsets: &'a [u64]) -> Result<Self> {
         assert!(offsets.is_sorted(), "offsets of rows should ascend");
-        let mut values = host_memory::zeroed(what, offsets.last().copied().unwrap_or(0) as usize)?;
+        let n_values = offsets.last().copied().unwrap_or(0);
+        // What fits an address fits for all offsets, which are not larger.
+        let len = usize::try_from(n_values).map_err(|_| Error::OutOfMemory {
+            what,
+            needed: n_values.saturating_mul(size_of::<T>() as u64),
+            available: usize::MAX as u64,
+        })?;
+        let mut values = host_memory::zeroed(what, len)?;
         let taken = (1..offsets.len()).map(|_| AtomicBool::new(false)).collect();
         Ok(Self { offsets, taken, first: values.as_mut_ptr(), values })
     }

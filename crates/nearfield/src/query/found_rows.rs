@@ -113,13 +113,15 @@ impl FoundRows {
         found
     }
 
-    /// Makes room for the marks of a query, and for the records of all that follow if they take as much on average.
+    /// Makes room for the marks of a query, and for the records of those that follow if they take as much on average, but for no more
+    /// than eight times what is held.
     fn make_room(&mut self, n_bytes: usize) {
         let (held, needed) = (self.records.len(), n_bytes + size_of::<u16>());
         if self.records.capacity() - held < needed {
             let (done, all) = (self.found.len(), self.found.capacity());
-            let expected = held.div_ceil(done.max(1)) * all.saturating_sub(done);
-            self.records.reserve_exact(needed + expected.max(held / 8));
+            let expected = held.div_ceil(done.max(1)).saturating_mul(all.saturating_sub(done));
+            // Where there is no memory for all that, marks take what they need by themselves.
+            let _ = self.records.try_reserve_exact(needed + expected.clamp(held / 8, 8 * held));
         }
     }
 
@@ -141,11 +143,11 @@ impl FoundRows {
         found
     }
 
-    /// Entries of the rows, and bytes that this holds.
+    /// Entries of the rows, and bytes that hold them.
     pub(super) fn sizes(&self) -> (u64, u64) {
-        let bytes = self.records.capacity()
-            + self.kept.ids.capacity() * size_of::<u32>()
-            + self.kept.dist2.capacity() * size_of::<f32>()
+        let bytes = self.records.len()
+            + self.kept.ids.len() * size_of::<u32>()
+            + self.kept.dist2.len() * size_of::<f32>()
             + self.found.capacity() * size_of::<u32>()
             + self.spans.capacity() * size_of::<[u32; 2]>()
             + self.parts.capacity() * size_of::<FoundPart>();

@@ -36,9 +36,9 @@ impl NearestInPairs {
     /// `OutOfMemory`, `DeviceLost`.
     pub(super) fn suiting(run: &InCells<'_>) -> Result<Option<Self>> {
         let (gpu, n) = (run.grid.gpu(), run.queries.len());
-        let capacity = run.grid.mask_words().min(MOST_WORDS);
+        let capacity = run.grid.mask_words();
         let mask_bytes = n.div_ceil(2) as u64 * u64::from(capacity) * size_of::<[u32; 4]>() as u64;
-        if run.places > MOST_PLACES || mask_bytes > gpu.limits().binding_bytes {
+        if run.places > MOST_PLACES || capacity > MOST_WORDS || mask_bytes > gpu.limits().binding_bytes {
             return Ok(None);
         }
         let within = FixedRadius { radius: Radius::One(run.reach()), ..*run.within };

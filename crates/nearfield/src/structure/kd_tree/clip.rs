@@ -29,8 +29,8 @@ impl Piece {
     }
 }
 
-/// Most corners of a triangle that was cut by the six planes of a box: one more a plane.
-const MOST_CORNERS: usize = 9;
+/// Most corners of a triangle that was cut by the six planes of a box and by the one between its halves: one more a plane.
+const MOST_CORNERS: usize = 10;
 
 /// Corners of a triangle that was cut, and room for what the next step looks at: an edge gives a crossing and a corner.
 type Corners = [DVec3; MOST_CORNERS + 2];
@@ -50,7 +50,7 @@ fn cut<const AXIS: usize>(from: &Corners, n: usize, to: &mut Corners, plane: f64
         to[n_left] = crossing;
         n_left += usize::from((last_out < 0.0) & (out > 0.0) | (last_out > 0.0) & (out < 0.0));
         to[n_left] = corner;
-        // A convex polygon gains one corner a plane at most, nine in all.
+        // A convex polygon gains one corner a plane at most, ten in all.
         n_left = (n_left + usize::from(out <= 0.0)).min(MOST_CORNERS);
         (last, last_out) = (corner, out);
     }

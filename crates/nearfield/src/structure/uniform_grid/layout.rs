@@ -73,7 +73,8 @@ impl GridLayout {
             (cells, inverse_cell, cells.iter().fold(1u64, |product, &c| product.saturating_mul(u64::from(c))))
         };
         // The finest cells along x whose table is still dense; if none is, the finest.
-        let dense_limit = (DENSE_ENTRIES_PER_POINT * u64::from(n_points)).max(4096);
+        // Numbers of entries have 32 bits.
+        let dense_limit = (DENSE_ENTRIES_PER_POINT * u64::from(n_points)).clamp(4096, 1 << 31);
         let finest = (1..=settings.refine_x).rev().map(cut);
         let dense = finest.clone().find(|(_, _, entries)| *entries <= dense_limit);
         let hashed = dense.is_none();
@@ -241,6 +242,17 @@ mod tests {
 
     fn unit(n: u32, cell: f32) -> GridLayout {
         GridLayout::new(n, &Aabb::new(Vec3::ZERO, Vec3::ONE), &GridSettings::for_radius(cell))
+    }
+
+    #[test]
+    fn tables_of_very_many_points_have_entries_of_32_bits() {
+        let bounds = Aabb::new(Vec3::ZERO, Vec3::ONE);
+        for n in [600_000_000, u32::MAX - 1] {
+            let layout = GridLayout::new(n, &bounds, &GridSettings::for_radius(1.0 / 1620.0));
+            let cells: u64 = layout.cells.iter().map(|&c| u64::from(c)).product();
+            assert!(layout.hashed == 1 || u64::from(layout.table_size) == cells, "{layout:?}");
+            assert!(layout.table_size <= 1 << 31, "{layout:?}");
+        }
     }
 
     #[test]

@@ -28,7 +28,7 @@ pub(super) fn measured(points: &[Vec3], k: u32) -> f32 {
     }
     let sample: Vec<Vec3> = points.iter().copied().step_by(points.len().div_ceil(SAMPLE)).collect();
     // The squared distances of the nearest, the point itself among them: as integers, whose order is the same.
-    let none = || vec![BinaryHeap::with_capacity(others + 2); sample.len()];
+    let none = || sample.iter().map(|_| BinaryHeap::with_capacity(others + 2)).collect::<Vec<_>>();
     let near = points.par_chunks(CHUNK).fold(none, |mut near: Vec<BinaryHeap<u32>>, chunk| {
         for (near, &center) in near.iter_mut().zip(&sample) {
             chunk.iter().for_each(|&point| keep(near, (point - center).length_squared().to_bits(), others + 1));

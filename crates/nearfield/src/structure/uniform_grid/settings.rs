@@ -36,9 +36,9 @@ impl GridSettings {
     /// Cells for the `k` nearest of these points: balls as wide as a cell hold a few more than `k`, where points are spread evenly over
     /// space or a surface. For 16 that are some 26.
     ///
-    /// It is the median distance within which 32 of the points have so many others, measured to all points: about 0.1 s a million
-    /// on two cores, or up to half as much more where the table is dense then. Where there are not so many points it is 0, and the build
-    /// chooses by density. Any other cells find the same nearest points, slower.
+    /// It is the median distance within which 32 of the points have so many others, or up to half as much more where the table is dense
+    /// then. Distances are measured to all points, without a period, which takes about 0.1 s a million on two cores. Where there are
+    /// not so many points it is 0, and the build chooses by density. Any other cells find the same nearest points, slower.
     pub fn for_nearest(points: &[Vec3], k: u32) -> Self {
         let radius = nearest_radius::measured(points, k);
         Self::for_radius(nearest_radius::with_dense_table(radius, &reduce::bounds(points), points.len()))
