@@ -28,6 +28,9 @@ pub(super) fn look_up<S: CpuStructure>(
 /// Candidates of a pack from which on it is heavy: testing them takes each query about as long as a look-up of its own.
 const HEAVY: usize = 4096;
 
+/// Takes the places of queries and the spans of their candidates; false to stop.
+pub(super) type VisitPart<'a> = dyn FnMut(Range<usize>, &[Range<usize>]) -> bool + 'a;
+
 /// Visits a pack whose candidates are in `spans`; a heavy one as two halves, and halves of those, where the halves have
 /// clearly less to test, or query by query where radii differ much. What is found stays the same.
 pub(super) fn visit_in_parts<S: CpuStructure>(
@@ -36,7 +39,7 @@ pub(super) fn visit_in_parts<S: CpuStructure>(
     points: &OrderedPoints,
     places: Range<usize>,
     spans: &[Range<usize>],
-    visit: &mut dyn FnMut(Range<usize>, &[Range<usize>]) -> bool,
+    visit: &mut VisitPart<'_>,
 ) -> bool {
     for (part, spans) in parts(structure, question, points, &places, spans) {
         let goes_on = match part == places {

@@ -404,7 +404,7 @@ mod tests {
             // Of some quads, twice over.
             for step in [5, 7] {
                 let quads: Vec<u32> = (0..surface.quads.len() as u32).step_by(step).collect();
-                let is_one = |t: u32| (t / 2) as usize % step == 0;
+                let is_one = |t: u32| ((t / 2) as usize).is_multiple_of(step);
                 let some: Vec<_> = all.iter().copied().filter(|&[a, b]| is_one(a) || is_one(b)).collect();
                 looked_at.move_to(&surface, &rows, quads);
                 assert_eq!(sorted(looked_at.faults(&surface, &rows)), some, "seed {seed}, every {step}.");
