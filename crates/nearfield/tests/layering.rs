@@ -19,7 +19,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     // A reduction gives a bounding box: parallel knows the values of geometry, nothing above them.
     ("parallel", &["error", "host_memory", "geometry", "gpu"]),
     ("curve", &["error", "geometry", "gpu", "parallel"]),
-    ("structure", &["error", "geometry", "gpu", "parallel", "curve"]),
+    ("structure", &["error", "host_memory", "geometry", "gpu", "parallel", "curve"]),
     ("query", &["error", "host_memory", "geometry", "gpu", "parallel", "curve", "structure"]),
     ("application", &["error", "host_memory", "geometry", "io", "gpu", "parallel", "curve", "structure", "query"]),
 ];
