@@ -125,6 +125,10 @@ fn within_and_around(gpu: &Gpu) {
     }
     let found = grid.knn(&Knn::new(16).within_each(&radii)).unwrap();
     assert_rows("within each", &found, &cut(&all, &points, 16, &|i| radii[i]));
+    // One query without a limit among those that have one.
+    let limits: Vec<f32> = (0..N).map(|i| if i == 5 { 1.8e19 } else { radii[i] }).collect();
+    let found = grid.knn(&Knn::new(16).within_each(&limits)).unwrap();
+    assert_rows("one anywhere", &found, &cut(&all, &points, 16, &|i| limits[i]));
     let around = nearest_by_loop(&points, &places, 20, false);
     assert_rows("other places", &grid.knn(&Knn::new(20).queries(&places)).unwrap(), &around);
     let found = grid.knn(&Knn::new(20).queries(&places).within(0.125)).unwrap();

@@ -39,6 +39,7 @@ const MOST_BALLS: u32 = 128;
 /// up.
 const LAST_IS_ALL: u32 = 1;
 const WIDE_IS_ALL: u32 = 2;
+const EVERYWHERE_IS_ALL: u32 = 4;
 
 /// Devices that end long loops scan only where so many scans fit their rounds.
 const FEWEST_SCANS: u64 = 8;
@@ -212,7 +213,7 @@ impl Balls {
         let last_is_all = |is_all: bool| if is_all { LAST_IS_ALL } else { 0 };
         let reaches_all = largest >= EVERYWHERE;
         let Some(limit) = gpu.limits().loop_rounds.filter(|_| within.len(n) > 0) else {
-            let scans = WIDE_IS_ALL | last_is_all(reaches_all);
+            let scans = WIDE_IS_ALL | if reaches_all { EVERYWHERE_IS_ALL } else { 0 };
             return Ok(Self { before_last: MOST_BALLS, scans, short_loops: false });
         };
         let queries = match within.queries {
