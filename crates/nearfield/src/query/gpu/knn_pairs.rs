@@ -9,8 +9,8 @@ use crate::query::{FixedRadius, Radius};
 use crate::structure::GpuStructure;
 use crate::{Error, Result};
 
-/// Invocations of a workgroup of the kernel.
-const WORKGROUP: u32 = 64;
+/// Invocations of a workgroup of the kernel. For 16 of uniform-1m on an H200: 0.338 ms, 0.361 with 64 or 128 and 0.371 with 256.
+const WORKGROUP: u32 = 32;
 
 /// Most words of a pair whose candidates have numbers: 11 bits, five of which are a candidate's place in its word.
 const MOST_WORDS: u32 = 64;
