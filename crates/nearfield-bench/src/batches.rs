@@ -7,10 +7,10 @@ use std::time::Instant;
 
 use nearfield::{FixedRadius, GridSettings, NeighborSearch, UniformGrid};
 
-use crate::check::ExpectedOfSome;
+use crate::Result;
+use crate::check::{ExpectedOfSome, wrong};
 use crate::provenance::{COMMIT, processor};
 use crate::sets::Set;
-use crate::{Error, Result};
 
 /// Queries whose counts are compared with those of a plain loop over all points.
 const SAMPLE: usize = 16;
@@ -85,10 +85,6 @@ fn measure(set: &Set, batch: usize) -> Result<()> {
 
 fn gib(bytes: u64) -> f64 {
     bytes as f64 / (1u64 << 30) as f64
-}
-
-fn wrong(what: String) -> Error {
-    format!("wrong answer: {what}").into()
 }
 
 /// Most bytes that the process has had in memory; `None` where the system does not tell.

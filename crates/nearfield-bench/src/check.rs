@@ -282,7 +282,8 @@ fn rows_in_f64(points: &[Vec3], query: Vec3, radius: f32) -> [Vec<u32>; 4] {
     })
 }
 
-fn wrong(what: String) -> Error {
+/// The error of an answer that is wrong.
+pub(crate) fn wrong(what: String) -> Error {
     format!("wrong answer: {what}").into()
 }
 

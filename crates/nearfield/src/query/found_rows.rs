@@ -130,11 +130,8 @@ impl FoundRows {
         let Scratch { hits, maker, .. } = &mut self.scratch;
         hits.clear();
         row_simd::collect::<true>(Simd::best(), points, query.spans, &query.ball, hits);
-        if question.exclude_self
-            && let Some(own) = hits.ids.iter().position(|&id| id == query.id)
-        {
-            hits.ids.remove(own);
-            hits.dist2.remove(own);
+        if question.exclude_self {
+            hits.leave_out(query.id);
         }
         let found = hits.ids.len() as u32;
         maker.make_row::<true>(hits, question);

@@ -44,10 +44,8 @@ pub trait MapRows: CpuStructure {
         let (tasks, _) = for_each_query(self, question, start, |(values, hits): &mut (Vec<_>, _), query| {
             hits.clear();
             row_simd::collect::<false>(simd, points, query.spans, &query.ball, hits);
-            if question.exclude_self
-                && let Some(own) = hits.ids.iter().position(|&id| id == query.id)
-            {
-                hits.ids.remove(own);
+            if question.exclude_self {
+                hits.leave_out(query.id);
             }
             if question.order == RowOrder::Index {
                 hits.ids.sort_unstable();

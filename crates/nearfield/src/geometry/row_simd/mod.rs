@@ -50,6 +50,16 @@ impl Hits {
         self.dist2.clear();
     }
 
+    /// Removes the hit of this index, if there is one.
+    pub(crate) fn leave_out(&mut self, id: u32) {
+        if let Some(place) = self.ids.iter().position(|&other| other == id) {
+            self.ids.remove(place);
+            if !self.dist2.is_empty() {
+                self.dist2.remove(place);
+            }
+        }
+    }
+
     /// Makes room for all points of `spans`, and a vector more.
     fn reserve<const DIST2: bool>(&mut self, spans: &[Range<usize>]) {
         let most = spans.iter().map(Range::len).sum::<usize>() + OrderedPoints::PADDING;

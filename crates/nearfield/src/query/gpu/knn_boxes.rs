@@ -5,11 +5,12 @@ use bytemuck::{Pod, Zeroable};
 
 use super::knn::{NearestOnDevice, Rows};
 use super::knn_packs::{LeftQueries, Packs};
+use super::loops;
 use super::visit::{Dealing, QueryBuffers};
+use crate::Result;
 use crate::gpu::{Access, Bind, Commands, Kernel};
 use crate::query::{FixedRadius, Knn};
 use crate::structure::{GpuAabbTree, GpuStructure};
-use crate::{Error, Result};
 
 /// Invocations of a workgroup of the kernel.
 const WORKGROUP: u32 = 64;
@@ -159,12 +160,6 @@ impl NearestOnDevice for GpuAabbTree {
         if rounds * in_step <= u64::from(limit) {
             return Ok(());
         }
-        let (n, gpu) = (self.len(), self.gpu().name());
-        Err(Error::Unsupported {
-            what: format!(
-                "finding the nearest {places} of {n} points on {gpu}, which ends the loops of a kernel after {limit} rounds,"
-            ),
-            advice: "use the CPU or fewer points",
-        })
+        Err(loops::too_long_for_nearest(self, places, limit, "use the CPU or fewer points"))
     }
 }

@@ -12,13 +12,13 @@ use super::knn_packs::LeftQueries;
 use super::knn_pairs::NearestInPairs;
 use super::loops::{self, VisitorRounds};
 use super::visit::QueryBuffers;
+use crate::Result;
 use crate::gpu::shader::Fill;
 use crate::gpu::{Access, Bind, Buffer, Commands, Kernel, Workgroups};
 use crate::parallel::reduce;
 use crate::query::knn::EVERYWHERE;
 use crate::query::{FixedRadius, Knn, Queries};
 use crate::structure::{Effort, GpuStructure, GpuUniformGrid};
-use crate::{Error, Result};
 
 /// Invocations of a workgroup of the kernel.
 const WORKGROUP: u32 = 64;
@@ -35,8 +35,8 @@ const SMALLEST: f32 = 1e-18;
 /// Balls that double from the smallest to one that reaches everything, and a few more.
 const MOST_BALLS: u32 = 128;
 
-/// Bits of [`CellsRun::scans`], as in knn_cells.wesl: for the last ball, and for balls that touch more rows of cells than are worth looking
-/// up.
+/// Bits of [`CellsRun::scans`], as in knn_cells.wesl: for the last ball, for balls that touch more rows of cells than are worth looking up, and
+/// for the last ball of a query that asks for the nearest however far they are.
 const LAST_IS_ALL: u32 = 1;
 const WIDE_IS_ALL: u32 = 2;
 const EVERYWHERE_IS_ALL: u32 = 4;
@@ -64,7 +64,8 @@ pub struct CellsRun {
     pub reach: f32,
     /// Most balls of a query before the last one.
     pub balls: u32,
-    /// When all points are tested instead of a ball: a bit for the last one, and one for those that touch many rows of cells.
+    /// When all points are tested instead of a ball: a bit for the last one, for those that touch many rows of cells, and for the last one of a
+    /// query without a limit.
     pub scans: u32,
     /// First place of this run.
     pub first: u32,
@@ -210,7 +211,6 @@ impl Balls {
     /// `DeviceLost`.
     fn of(grid: &GpuUniformGrid, within: &FixedRadius<'_>, places: u32) -> Result<Self> {
         let (gpu, n, largest) = (grid.gpu(), GpuStructure::len(grid), within.largest_radius());
-        let last_is_all = |is_all: bool| if is_all { LAST_IS_ALL } else { 0 };
         let reaches_all = largest >= EVERYWHERE;
         let Some(limit) = gpu.limits().loop_rounds.filter(|_| within.len(n) > 0) else {
             let scans = WIDE_IS_ALL | if reaches_all { EVERYWHERE_IS_ALL } else { 0 };
@@ -225,7 +225,7 @@ impl Balls {
         };
         let all = loops::rounds(Effort { candidates: n as u64, rounds: 0 }, ROUNDS) + 1;
         let walk = if reaches_all { all } else { rounds_of(largest)? };
-        let mut scans = last_is_all(all <= walk);
+        let mut scans = if all <= walk { LAST_IS_ALL } else { 0 };
         // Of invocations in step some may be at their last ball, and others at one that is wide, whenever others go on.
         let mut last = walk.min(all);
         if FEWEST_SCANS * all <= u64::from(limit) {
@@ -233,11 +233,7 @@ impl Balls {
             last += all;
         }
         let Some(mut left) = u64::from(limit).checked_sub(last) else {
-            let what = format!(
-                "finding the nearest {places} of {n} points on {}, which ends the loops of a kernel after {limit} rounds,",
-                gpu.name()
-            );
-            return Err(Error::Unsupported { what, advice: "use the CPU or fewer points" });
+            return Err(loops::too_long_for_nearest(grid, places as usize, limit, "use the CPU or fewer points"));
         };
         // No ball is wider than this: the first one may come widened from pairs, and later ones at most double.
         let mut before_last = 0;

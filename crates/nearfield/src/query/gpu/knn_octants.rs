@@ -5,10 +5,10 @@ use bytemuck::{Pod, Zeroable};
 use super::knn::{NearestOnDevice, Rows};
 use super::loops;
 use super::visit::QueryBuffers;
+use crate::Result;
 use crate::gpu::{Access, Bind, Commands, Kernel, Workgroups};
 use crate::query::{FixedRadius, Knn, Queries};
 use crate::structure::{GpuLinearOctree, GpuStructure};
-use crate::{Error, Result};
 
 /// Invocations of a workgroup of the kernel.
 const WORKGROUP: u32 = 64;
@@ -93,12 +93,6 @@ impl NearestOnDevice for GpuLinearOctree {
         if loops::of_knn(steps, places as u32) <= u64::from(limit) {
             return Ok(());
         }
-        let (n, gpu) = (self.len(), self.gpu().name());
-        Err(Error::Unsupported {
-            what: format!(
-                "finding the nearest {places} of {n} points on {gpu}, which ends the loops of a kernel after {limit} rounds,"
-            ),
-            advice: "use the CPU, fewer neighbours or fewer points",
-        })
+        Err(loops::too_long_for_nearest(self, places, limit, "use the CPU, fewer neighbours or fewer points"))
     }
 }

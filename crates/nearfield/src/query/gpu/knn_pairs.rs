@@ -44,8 +44,7 @@ impl NearestInPairs {
         let within = FixedRadius { radius: Radius::One(run.reach()), ..*run.within };
         let made = || -> Result<Option<Self>> {
             let Some(pairs) = Pairs::of(run.grid, &within, run.queries)? else { return Ok(None) };
-            let words = gpu.buffer("words of pairs", pairs.len())?;
-            let masks = gpu.buffer("neighbour masks", pairs.len() * capacity as usize)?;
+            let (words, masks) = pairs.words_and_masks(capacity)?;
             Ok(Some(Self { pairs, words, masks, capacity }))
         };
         match made() {

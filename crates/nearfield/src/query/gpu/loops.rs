@@ -139,6 +139,22 @@ pub(super) fn of_nearest_k(places: u32) -> VisitorRounds {
     VisitorRounds { each: 2 * levels(places), finish: u64::from(places) * (1 + levels(places)) }
 }
 
+/// The error where the nearest `places` of the points cannot be found because the device would end the kernel's loops.
+pub(super) fn too_long_for_nearest<S: GpuStructure>(
+    structure: &S,
+    places: usize,
+    limit: u32,
+    advice: &'static str,
+) -> Error {
+    let (n, gpu) = (structure.len(), structure.gpu().name());
+    Error::Unsupported {
+        what: format!(
+            "finding the nearest {places} of {n} points on {gpu}, which ends the loops of a kernel after {limit} rounds,"
+        ),
+        advice,
+    }
+}
+
 /// Rounds of the kernel `knn` that looks at up to so many nodes and points.
 pub(super) fn of_knn(steps: u64, places: u32) -> u64 {
     // Eight children on each of 21 levels to find where to start.

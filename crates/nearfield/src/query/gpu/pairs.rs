@@ -103,12 +103,18 @@ impl Pairs {
     /// # Errors
     /// `OutOfDeviceMemory`.
     pub(super) fn masks(&self, capacity: u32) -> Result<PairMasks> {
-        let gpu = &self.gpu;
-        Ok(PairMasks {
-            words: gpu.buffer("words of pairs", self.n_pairs)?,
-            masks: gpu.buffer("neighbour masks", self.n_pairs * capacity as usize)?,
-            lengths: gpu.buffer("row lengths in the order of the structure", self.n_pairs)?,
-        })
+        let (words, masks) = self.words_and_masks(capacity)?;
+        let lengths = self.gpu.buffer("row lengths in the order of the structure", self.n_pairs)?;
+        Ok(PairMasks { words, masks, lengths })
+    }
+
+    /// Memory for the masks without the lengths of rows: as [`PairMasks`] has them.
+    ///
+    /// # Errors
+    /// `OutOfDeviceMemory`.
+    pub(super) fn words_and_masks(&self, capacity: u32) -> Result<(Buffer<u32>, Buffer<[u32; 4]>)> {
+        let words = self.gpu.buffer("words of pairs", self.n_pairs)?;
+        Ok((words, self.gpu.buffer("neighbour masks", self.n_pairs * capacity as usize)?))
     }
 
     /// Number of pairs.
